@@ -1,0 +1,60 @@
+"""The typed errors of gscpe.
+
+Every error that a caller can act upon derives from :class:`GscpeError`, and its
+message says what was wrong (which file, which value) and what to do about it.
+A photo that cannot be localized is not an error: it is a result with a reason.
+"""
+
+from __future__ import annotations
+
+
+class GscpeError(Exception):
+    """Base of all errors that gscpe raises on purpose."""
+
+
+class InputError(GscpeError):
+    """A file or a value that was given to gscpe cannot be used."""
+
+
+class SplatError(InputError):
+    """A Gaussian splat is missing, damaged, empty, or holds impossible values."""
+
+
+class PhotoError(InputError):
+    """A photo is missing, cannot be decoded, or has the wrong shape or type."""
+
+
+class CameraError(InputError):
+    """Camera intrinsics are malformed or do not fit the photo."""
+
+
+class PoseError(InputError):
+    """A pose is malformed, or a pose file cannot be read."""
+
+
+class ColmapModelError(InputError):
+    """A COLMAP model is missing, damaged, or does not name the photos it should."""
+
+
+class MapError(InputError):
+    """A map folder is missing, damaged, or was written by a newer gscpe."""
+
+
+class QueryListError(InputError):
+    """A list of query photos cannot be read."""
+
+
+class SettingsError(InputError):
+    """A setting is out of its range, or settings contradict each other."""
+
+
+class OutputError(GscpeError):
+    """A result cannot be written where it was asked to be."""
+
+
+class RenderError(GscpeError):
+    """OpenGL is missing, too old, or reported a failure."""
+
+
+class MissingDependencyError(GscpeError):
+    """An optional package is needed for this and is not installed."""

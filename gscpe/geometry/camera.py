@@ -1,0 +1,164 @@
+"""Camera intrinsics in COLMAP's pixel convention, and the COLMAP camera models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Sequence
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import CameraError
+
+# COLMAP model -> names of its parameters, in COLMAP's order. All are special cases
+# of OpenCV's rational model, so that one undistortion serves them all.
+_MODEL_PARAMETERS = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+}
+_DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera, with OpenCV lens distortion if ``distortion`` is not empty.
+
+    Attributes:
+        width, height: image size in pixels.
+        fx, fy: focal lengths in pixels.
+        cx, cy: principal point in pixels; the centre of the top-left pixel is (0.5, 0.5).
+        distortion: empty, or OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6).
+
+    Raises:
+        CameraError: a size or a focal length is not positive, or a number is not finite.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise CameraError(f"camera size must be positive, not {self.width}x{self.height}")
+        numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not np.all(np.isfinite(numbers)):
+            raise CameraError("camera parameters must be finite numbers")
+        if self.fx <= 0 or self.fy <= 0:
+            raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
+        if len(self.distortion) not in (0, 8):
+            raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
+
+    @classmethod
+    def pinhole(
+        cls, width: int, height: int, *, fx: float, fy: float, cx: float, cy: float
+    ) -> Camera:
+        """A camera without distortion."""
+        return cls(width, height, float(fx), float(fy), float(cx), float(cy))
+
+    @classmethod
+    def from_colmap(
+        cls, model: str, width: int, height: int, parameters: Sequence[float]
+    ) -> Camera:
+        """A camera from a COLMAP model name and its parameters in COLMAP's order.
+
+        Raises:
+            CameraError: the model is not supported or has another number of parameters.
+        """
+        names = _MODEL_PARAMETERS.get(model)
+        if names is None:
+            known = ", ".join(_MODEL_PARAMETERS)
+            raise CameraError(
+                f"camera model {model!r} is not supported (supported: {known}); "
+                "undistort the photos to PINHOLE first"
+            )
+        if len(parameters) != len(names):
+            raise CameraError(
+                f"{model} takes {len(names)} parameters ({', '.join(names)}), got {len(parameters)}"
+            )
+        values = dict(zip(names, (float(p) for p in parameters), strict=True))
+        distortion = tuple(values.get(name, 0.0) for name in _DISTORTION_NAMES)
+        return cls(
+            width,
+            height,
+            values.get("fx", values.get("f", 0.0)),
+            values.get("fy", values.get("f", 0.0)),
+            values["cx"],
+            values["cy"],
+            distortion if any(distortion) else (),
+        )
+
+    @classmethod
+    def parse(cls, text: str) -> Camera:
+        """A camera from ``MODEL,width,height,params...`` (commas or blanks between).
+
+        Raises:
+            CameraError: the text has another form.
+        """
+        words = text.replace(",", " ").split()
+        try:
+            model, width, height = words[0], int(words[1]), int(words[2])
+            parameters = [float(word) for word in words[3:]]
+        except (IndexError, ValueError):
+            raise CameraError(
+                f"camera {text!r} is not of the form MODEL,width,height,params... "
+                "(for example PINHOLE,640,480,525.5,525.5,320,240)"
+            ) from None
+        return cls.from_colmap(model, width, height, parameters)
+
+    def colmap_text(self) -> str:
+        """``MODEL width height params...`` in COLMAP's words; :meth:`parse` reads it back."""
+        numbers = [self.fx, self.fy, self.cx, self.cy, *self.distortion]
+        model = "FULL_OPENCV" if self.distortion else "PINHOLE"
+        return " ".join([model, str(self.width), str(self.height), *(repr(n) for n in numbers)])
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the camera is free of distortion."""
+        return not self.distortion
+
+    def without_distortion(self) -> Camera:
+        """The pinhole camera with the same size, focal lengths and principal point."""
+        return replace(self, distortion=())
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The camera of the same view at another image size.
+
+        Pixel centres at (0.5, 0.5) make this exact: every pixel coordinate scales.
+        """
+        kx, ky = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * kx,
+            fy=self.fy * ky,
+            cx=self.cx * kx,
+            cy=self.cy * ky,
+        )
+
+    def matrix(self) -> Float64Array:
+        """The (3, 3) intrinsic matrix K, pixel centres at (0.5, 0.5)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def opencv_matrix(self) -> Float64Array:
+        """K for OpenCV, whose top-left pixel centre is (0, 0)."""
+        matrix = self.matrix()
+        matrix[:2, 2] -= 0.5
+        return matrix
+
+    def check_fits(self, image_shape: tuple[int, ...], what: str) -> None:
+        """Raises CameraError when an image of this shape was not taken at this camera's size."""
+        height, width = image_shape[:2]
+        if (width, height) != (self.width, self.height):
+            raise CameraError(
+                f"{what} is {width}x{height}, but its camera is {self.width}x{self.height}; "
+                "give the camera of this very image size"
+            )

@@ -1,0 +1,124 @@
+"""Rigid transforms as 4x4 float64 matrices, and their tangent vectors.
+
+A tangent vector is ``xi = (translation, rotation)``, (6,) float64, and perturbs
+from the left: ``exp(xi) @ b_from_a``. Formulas: Sola, Deray, Atchuthan, "A micro
+Lie theory for state estimation in robotics" (2018), section on SE(3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import PoseError
+
+_SMALL_ANGLE = 1e-4
+
+
+def skew(vector: ArrayLike) -> Float64Array:
+    """The (3, 3) matrix with ``skew(a) @ b == cross(a, b)``."""
+    x, y, z = np.asarray(vector, dtype=np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _left_jacobian(rotation_vector: Float64Array) -> Float64Array:
+    """The (3, 3) left Jacobian of SO(3), which couples rotation into translation."""
+    angle = float(np.linalg.norm(rotation_vector))
+    k = skew(rotation_vector)
+    if angle < _SMALL_ANGLE:
+        return np.asarray(np.eye(3) + 0.5 * k + k @ k / 6.0)
+    a = (1.0 - np.cos(angle)) / angle**2
+    b = (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + a * k + b * (k @ k))
+
+
+def exp(xi: ArrayLike) -> Float64Array:
+    """The (4, 4) transform of a tangent vector ``xi = (translation, rotation)``, (6,)."""
+    xi = np.asarray(xi, dtype=np.float64)
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_rotvec(xi[3:]).as_matrix()
+    transform[:3, 3] = _left_jacobian(xi[3:]) @ xi[:3]
+    return transform
+
+
+def log(transform: ArrayLike) -> Float64Array:
+    """The tangent vector, (6,), of a (4, 4) transform; the inverse of :func:`exp`."""
+    transform = np.asarray(transform, dtype=np.float64)
+    rotation_vector = Rotation.from_matrix(transform[:3, :3]).as_rotvec()
+    translation = np.linalg.solve(_left_jacobian(rotation_vector), transform[:3, 3])
+    return np.concatenate([translation, rotation_vector])
+
+
+def adjoint(transform: ArrayLike) -> Float64Array:
+    """The (6, 6) matrix with ``T @ exp(xi) == exp(adjoint(T) @ xi) @ T``."""
+    transform = np.asarray(transform, dtype=np.float64)
+    rotation = transform[:3, :3]
+    result = np.zeros((6, 6))
+    result[:3, :3] = result[3:, 3:] = rotation
+    result[:3, 3:] = skew(transform[:3, 3]) @ rotation
+    return result
+
+
+def inverse(transform: ArrayLike) -> Float64Array:
+    """``a_from_b`` of a rigid ``b_from_a``, (4, 4), without a general inversion."""
+    transform = np.asarray(transform, dtype=np.float64)
+    result = np.eye(4)
+    result[:3, :3] = transform[:3, :3].T
+    result[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return result
+
+
+def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Float64Array:
+    """A (4, 4) transform of a (3, 3) rotation matrix and a (3,) translation."""
+    transform = np.eye(4)
+    transform[:3, :3] = np.asarray(rotation, dtype=np.float64)
+    transform[:3, 3] = np.asarray(translation, dtype=np.float64)
+    return transform
+
+
+def from_quaternion_translation(quaternion_wxyz: ArrayLike, translation: ArrayLike) -> Float64Array:
+    """A (4, 4) transform of a quaternion ``(qw, qx, qy, qz)`` and a (3,) translation.
+
+    The quaternion need not be normalized.
+
+    Raises:
+        PoseError: a number is not finite, or the quaternion is zero.
+    """
+    quaternion_wxyz = np.asarray(quaternion_wxyz, dtype=np.float64)
+    translation = np.asarray(translation, dtype=np.float64)
+    if not (np.all(np.isfinite(quaternion_wxyz)) and np.all(np.isfinite(translation))):
+        raise PoseError("a pose holds a number that is not finite")
+    if np.linalg.norm(quaternion_wxyz) < 1e-6:
+        raise PoseError("a pose holds a quaternion of length zero; expected qw qx qy qz")
+    rotation = Rotation.from_quat(quaternion_wxyz, scalar_first=True).as_matrix()
+    return from_rotation_translation(rotation, translation)
+
+
+def to_quaternion_translation(transform: ArrayLike) -> tuple[Float64Array, Float64Array]:
+    """The quaternion ``(qw, qx, qy, qz)`` with ``qw >= 0`` and the (3,) translation."""
+    transform = np.asarray(transform, dtype=np.float64)
+    quaternion = Rotation.from_matrix(transform[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    return np.asarray(quaternion, dtype=np.float64), transform[:3, 3].copy()
+
+
+def check_transform(transform: ArrayLike, name: str) -> Float64Array:
+    """The transform as a (4, 4) float64 array, if it is rigid to 1e-4.
+
+    Raises:
+        PoseError: the shape, the last row or the rotation is wrong. The message
+            carries ``name``, which should say the frames.
+    """
+    matrix = np.asarray(transform, dtype=np.float64)
+    if matrix.shape != (4, 4):
+        raise PoseError(f"{name} must be a 4x4 matrix, not an array of shape {matrix.shape}")
+    if not np.all(np.isfinite(matrix)):
+        raise PoseError(f"{name} holds a number that is not finite")
+    rotation = matrix[:3, :3]
+    orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
+    if not orthonormal or np.linalg.det(rotation) < 0 or not np.allclose(matrix[3], [0, 0, 0, 1]):
+        raise PoseError(
+            f"{name} is not a rigid transform (rotation, translation, last row 0 0 0 1)"
+        )
+    return matrix
