@@ -1,0 +1,22 @@
+"""What a map is made of: Gaussians, reference photos, and the folder that keeps them."""
+
+from gscpe.scene.gaussians import GaussianScene
+from gscpe.scene.map_folder import Map, open_map, save_map
+from gscpe.scene.photo import Photo, read_image, to_photo, to_uint8, write_image
+from gscpe.scene.references import GlobalDescriptors, References
+from gscpe.scene.splat_file import read_splat
+
+__all__ = [
+    "GaussianScene",
+    "GlobalDescriptors",
+    "Map",
+    "Photo",
+    "References",
+    "open_map",
+    "read_image",
+    "read_splat",
+    "save_map",
+    "to_photo",
+    "to_uint8",
+    "write_image",
+]

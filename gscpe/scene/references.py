@@ -1,0 +1,55 @@
+"""Reference photos: what a map knows about the places it was built from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gscpe.arrays import Float32Array, Float64Array
+from gscpe.errors import MapError
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.se3 import check_transform
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """Names, poses and cameras of the N reference photos.
+
+    Attributes:
+        names: N file names, relative to the image folder.
+        cam_from_world: (N, 4, 4) float64.
+        cameras: N cameras.
+    """
+
+    names: tuple[str, ...]
+    cam_from_world: Float64Array
+    cameras: tuple[Camera, ...]
+
+    def __post_init__(self) -> None:
+        if not len(self.names) == len(self.cam_from_world) == len(self.cameras):
+            raise MapError("references need as many names as poses and cameras")
+        for name, cam_from_world in zip(self.names, self.cam_from_world, strict=True):
+            check_transform(cam_from_world, f"cam_from_world of reference {name}")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalDescriptors:
+    """One descriptor a reference photo, and what is needed to describe a query alike.
+
+    Attributes:
+        vocabulary: (K, 128) float32, the visual words.
+        descriptors: (N, D) float32, of unit length.
+    """
+
+    vocabulary: Float32Array
+    descriptors: Float32Array
+
+    def __post_init__(self) -> None:
+        if self.vocabulary.ndim != 2 or self.descriptors.ndim != 2:
+            raise MapError("vocabulary and descriptors must be matrices")
+        if not (np.all(np.isfinite(self.vocabulary)) and np.all(np.isfinite(self.descriptors))):
+            raise MapError("vocabulary and descriptors must be finite")

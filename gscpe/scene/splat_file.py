@@ -1,0 +1,97 @@
+"""Reads the standard 3DGS ``.ply`` (degrees 0 to 3) into a GaussianScene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gscpe.arrays import Float32Array
+from gscpe.errors import SplatError
+from gscpe.scene.gaussians import GaussianScene, normalized_quaternions
+
+_REST_COUNT_TO_COEFFICIENTS = {0: 1, 9: 4, 24: 9, 45: 16}
+# How exporters say, in a header comment, that opacity compensation must be applied.
+_ANTIALIASED_COMMENTS = ("comment splatrendermode: mip", "comment antialiased 1")
+
+
+def read_splat(path: str | Path) -> GaussianScene:
+    """The Gaussians of a 3DGS ``.ply``: log scales, logit opacities, ``f_rest`` colour-major.
+
+    Raises:
+        SplatError: the file is missing, truncated, not a PLY, not a splat, empty, or
+            holds NaN or infinite values. The message names the file.
+    """
+    path = Path(path)
+    vertices = _read_vertices(path)
+    names = vertices.dtype.names or ()
+
+    def columns(*wanted: str) -> Float32Array:
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            raise SplatError(
+                f"{path} is a PLY but not a Gaussian splat: it has no {', '.join(missing)}; "
+                "export the trained splat, not a point cloud or a mesh"
+            )
+        return np.stack([np.asarray(vertices[name], dtype=np.float32) for name in wanted], axis=1)
+
+    means = columns("x", "y", "z")
+    log_scales = columns("scale_0", "scale_1", "scale_2")
+    quaternions = columns("rot_0", "rot_1", "rot_2", "rot_3")
+    opacity_logits = columns("opacity")[:, 0]
+    base = columns("f_dc_0", "f_dc_1", "f_dc_2")
+    rest_count = sum(name.startswith("f_rest_") for name in names)
+    if rest_count not in _REST_COUNT_TO_COEFFICIENTS:
+        raise SplatError(f"{path} has {rest_count} f_rest properties; expected 0, 9, 24 or 45")
+    coefficients = _REST_COUNT_TO_COEFFICIENTS[rest_count]
+    sh = np.empty((len(means), coefficients, 3), dtype=np.float32)
+    sh[:, 0] = base
+    if rest_count:
+        rest = columns(*(f"f_rest_{i}" for i in range(rest_count)))
+        sh[:, 1:] = rest.reshape(len(means), 3, coefficients - 1).transpose(0, 2, 1)
+
+    try:
+        with np.errstate(over="ignore"):  # an infinite scale is reported by GaussianScene
+            return GaussianScene(
+                means=means,
+                quaternions=normalized_quaternions(quaternions),
+                scales=np.exp(log_scales),
+                opacities=np.asarray(1.0 / (1.0 + np.exp(-opacity_logits)), dtype=np.float32),
+                sh=sh,
+                antialiased=_is_antialiased(path),
+            )
+    except SplatError as error:
+        raise SplatError(f"{path}: {error}") from None
+
+
+def _read_vertices(path: Path) -> NDArray[np.void]:
+    from trimesh.exchange.ply import load_ply  # half a second, and only needed to build maps
+
+    if not path.is_file():
+        raise SplatError(f"{path} does not exist or is not a file; give the trained splat (.ply)")
+    try:
+        with path.open("rb") as file:
+            loaded = load_ply(file)
+        vertices: NDArray[np.void] = loaded["metadata"]["_ply_raw"]["vertex"]["data"]
+    except OSError as error:
+        raise SplatError(f"{path} cannot be read: {error.strerror}") from error
+    except MemoryError as error:
+        raise SplatError(f"{path} claims more Gaussians than fit into memory") from error
+    except Exception as error:  # the parser raises whatever a damaged file makes it stumble on
+        raise SplatError(
+            f"{path} is not a readable PLY file (damaged or truncated? {error}); "
+            "copy or export it again"
+        ) from error
+    if not isinstance(vertices, np.ndarray) or vertices.dtype.names is None:
+        raise SplatError(f"{path} is a PLY but not a Gaussian splat; export the trained splat")
+    if len(vertices) == 0:
+        raise SplatError(f"{path} is empty: it holds no Gaussians; train or export it again")
+    return vertices
+
+
+def _is_antialiased(path: Path) -> bool:
+    with path.open("rb") as file:
+        header = file.read(8192).split(b"end_header")[0].decode("ascii", "replace").lower()
+    lines = [line.strip() for line in header.splitlines()]
+    return any(line.startswith(_ANTIALIASED_COMMENTS) for line in lines)
