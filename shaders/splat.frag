@@ -1,0 +1,16 @@
+#version 330 core
+// Stage 3: alpha of one Gaussian at one pixel; blending composites back to front.
+
+in vec2 position;
+flat in vec4 colour_opacity;
+flat in float depth;
+
+layout(location = 0) out vec4 colour;   // premultiplied
+layout(location = 1) out vec4 moments;  // depth, squared depth, unused; premultiplied
+
+void main() {
+    float alpha = min(0.99, colour_opacity.a * exp(-0.5 * dot(position, position)));
+    if (alpha < 1.0 / 255.0) discard;
+    colour = vec4(colour_opacity.rgb * alpha, alpha);
+    moments = vec4(depth * alpha, depth * depth * alpha, 0.0, alpha);
+}
