@@ -1,0 +1,172 @@
+"""Absolute pose from 2D-3D matches: RANSAC with a prior, then robust least squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float64Array
+from gscpe.errors import SettingsError
+from gscpe.geometry import se3
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.projection import pose_jacobian, project, transform_points
+
+_MIN_POINTS = 4
+_BEHIND = 1e-6
+
+
+@dataclass(frozen=True)
+class PnPSettings:
+    """Settings of the absolute pose estimation.
+
+    Attributes:
+        max_iterations: RANSAC samples at most (paper: 2000).
+        inlier_pixels: largest reprojection error of an inlier.
+        confidence: RANSAC stops when it has missed no better pose with this probability.
+        noise_pixels: scale of the Cauchy weights of the final least squares.
+        seed: of the sampling; the same seed gives the same pose.
+    """
+
+    max_iterations: int = 2000
+    inlier_pixels: float = 4.0
+    confidence: float = 0.9999
+    noise_pixels: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1 or self.inlier_pixels <= 0 or self.noise_pixels <= 0:
+            raise SettingsError("PnP needs at least one iteration and positive pixel thresholds")
+        if not 0 < self.confidence < 1:
+            raise SettingsError(f"confidence must lie in (0, 1), not {self.confidence}")
+
+
+@dataclass(frozen=True, eq=False)
+class AbsolutePose:
+    """A pose and the evidence for it.
+
+    Attributes:
+        cam_from_world: (4, 4).
+        inliers: (N,) bool, matches within the inlier threshold.
+        rms_pixels: of the inliers' reprojection errors.
+    """
+
+    cam_from_world: Float64Array
+    inliers: BoolArray
+    rms_pixels: float
+
+
+def estimate_absolute_pose(
+    points_world: Float64Array,
+    pixels: Float64Array,
+    camera: Camera,
+    prior_cam_from_world: Float64Array,
+    settings: PnPSettings,
+) -> AbsolutePose | None:
+    """The pose that most matches agree on, or None when there is none.
+
+    The prior competes with the RANSAC pose as a hypothesis, so that a good prior is
+    never lost to an unlucky sample.
+
+    Args:
+        points_world: (N, 3).
+        pixels: (N, 2), the centre of the top-left pixel at (0.5, 0.5).
+        camera: pinhole camera of the pixels.
+        prior_cam_from_world: (4, 4), the pose before.
+        settings: see :class:`PnPSettings`.
+    """
+    if len(points_world) < _MIN_POINTS:
+        return None
+    hypotheses = [prior_cam_from_world]
+    sampled = _ransac(points_world, pixels, camera, settings)
+    if sampled is not None:
+        hypotheses.append(sampled)
+    counts = [_inliers(points_world, pixels, camera, pose, settings).sum() for pose in hypotheses]
+    if max(counts) < _MIN_POINTS:
+        return None
+    best = hypotheses[int(np.argmax(counts))]
+    refined = refine_absolute_pose(points_world, pixels, camera, best, settings)
+    inliers = _inliers(points_world, pixels, camera, refined, settings)
+    if inliers.sum() < _MIN_POINTS:
+        return None
+    errors = _reprojection_errors(points_world[inliers], pixels[inliers], camera, refined)
+    return AbsolutePose(refined, inliers, float(np.sqrt(np.mean(errors**2))))
+
+
+def _ransac(
+    points_world: Float64Array, pixels: Float64Array, camera: Camera, settings: PnPSettings
+) -> Float64Array | None:
+    params = cv2.UsacParams()
+    params.randomGeneratorState = settings.seed
+    params.confidence = settings.confidence
+    params.maxIterations = settings.max_iterations
+    params.threshold = settings.inlier_pixels
+    params.score = cv2.SCORE_METHOD_MSAC
+    params.sampler = cv2.SAMPLING_UNIFORM
+    params.loMethod = cv2.LOCAL_OPTIM_INNER_LO
+    params.loIterations = 10
+    try:
+        found, _, rotation_vector, translation, _ = cv2.solvePnPRansac(
+            points_world, pixels - 0.5, camera.opencv_matrix(), None, params=params
+        )
+    except cv2.error:  # a degenerate configuration, for example all points on one line
+        return None
+    if not found or not np.all(np.isfinite(np.concatenate([rotation_vector, translation]))):
+        return None
+    rotation, _ = cv2.Rodrigues(rotation_vector)
+    return se3.from_rotation_translation(rotation, translation[:, 0])
+
+
+def refine_absolute_pose(
+    points_world: Float64Array,
+    pixels: Float64Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    settings: PnPSettings,
+    iterations: int = 20,
+) -> Float64Array:
+    """Gauss-Newton on the reprojection error with Cauchy weights over all near matches."""
+    for _ in range(iterations):
+        points_in_cam = transform_points(cam_from_world, points_world)
+        ahead = points_in_cam[:, 2] > _BEHIND
+        points_in_cam = points_in_cam[ahead]
+        residuals = pixels[ahead] - project(camera, points_in_cam)
+        squared = np.sum(residuals**2, axis=1)
+        near = squared < (2.0 * settings.inlier_pixels) ** 2
+        if near.sum() < _MIN_POINTS:
+            return cam_from_world
+        weights = 1.0 / (1.0 + squared[near] / settings.noise_pixels**2)
+        jacobian = pose_jacobian(camera, points_in_cam[near])
+        hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
+        gradient = np.einsum("nri,n,nr->i", jacobian, weights, residuals[near])
+        try:
+            step = np.linalg.solve(hessian, gradient)
+        except np.linalg.LinAlgError:
+            return cam_from_world
+        cam_from_world = se3.exp(step) @ cam_from_world
+        if np.abs(step).max() < 1e-9:
+            break
+    return cam_from_world
+
+
+def _reprojection_errors(
+    points_world: Float64Array, pixels: Float64Array, camera: Camera, cam_from_world: Float64Array
+) -> Float64Array:
+    """Pixels, (N,); infinite behind the camera."""
+    points_in_cam = transform_points(cam_from_world, points_world)
+    ahead = points_in_cam[:, 2] > _BEHIND
+    points_in_cam[~ahead] = (0.0, 0.0, 1.0)
+    errors = np.linalg.norm(project(camera, points_in_cam) - pixels, axis=1)
+    return np.where(ahead, errors, np.inf)
+
+
+def _inliers(
+    points_world: Float64Array,
+    pixels: Float64Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    settings: PnPSettings,
+) -> BoolArray:
+    errors = _reprojection_errors(points_world, pixels, camera, cam_from_world)
+    return np.asarray(errors < settings.inlier_pixels)
