@@ -1,0 +1,206 @@
+"""The refinement loop (paper, Algorithm 2)."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float64Array
+from gscpe.errors import SettingsError
+from gscpe.geometry.pose_error import pose_difference
+from gscpe.refinement.agreement import photometric_agreement
+from gscpe.refinement.lucas_kanade import (
+    Alignment,
+    LucasKanadeSettings,
+    align,
+    build_template,
+)
+from gscpe.refinement.pyramid import (
+    AnchorLevel,
+    ImageLevel,
+    anchor_pyramid,
+    luminance,
+    photo_pyramid,
+)
+from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
+from gscpe.render import RenderedView, Renderer
+from gscpe.scene import Photo
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Settings of the refinement; the defaults are the paper's where it gives one.
+
+    Attributes:
+        levels: S, times the image is halved.
+        max_anchors: renders that serve as templates, at most.
+        min_anchors: ... at least; the later ones see the scene from the refined pose.
+        rerender_translation: metres since the anchor beyond which it is rendered anew.
+        rerender_rotation_degrees: the same for rotation; either is enough (the paper's
+            Algorithm 2 says both, its text either).
+        noise_correlation: neighbouring residuals are not independent: this many count as
+            one in the covariance (calibrated, docs/benchmarks.md).
+        visibility: the mask.
+        solver: at each level.
+    """
+
+    levels: int = 2
+    max_anchors: int = 3
+    min_anchors: int = 2
+    rerender_translation: float = 0.005
+    rerender_rotation_degrees: float = 0.5
+    noise_correlation: float = 200.0
+    visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
+    solver: LucasKanadeSettings = field(default_factory=LucasKanadeSettings)
+
+    def __post_init__(self) -> None:
+        if self.levels < 0 or not 1 <= self.min_anchors <= self.max_anchors:
+            raise SettingsError("refinement needs levels >= 0 and 1 <= min_anchors <= max_anchors")
+
+
+@dataclass(frozen=True, eq=False)
+class RefinementResult:
+    """The refined pose and how well it explains the photo.
+
+    Attributes:
+        cam_from_world: (4, 4); None when the alignment failed.
+        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
+            map units and radians.
+        gain, bias: photo = gain * render + bias, luminance in [0, 1].
+        residual: robust standard deviation of the photometric residual, luminance.
+        agreement: mean local correlation of photo and render, in [-1, 1].
+        overlap: share of the image where both show the map, in [0, 1].
+        pixels: that took part at full size.
+        anchors: renders that served as templates.
+        converged: whether the last level converged.
+        reason: why it failed, or None.
+    """
+
+    cam_from_world: Float64Array | None
+    covariance: Float64Array | None
+    gain: float
+    bias: float
+    residual: float
+    agreement: float
+    overlap: float
+    pixels: int
+    anchors: int
+    converged: bool
+    reason: str | None = None
+
+
+def refine_pose(
+    renderer: Renderer,
+    photo: Photo,
+    start_cam_from_world: Float64Array,
+    settings: RefinementSettings,
+    metres_per_unit: float | None,
+) -> RefinementResult:
+    """Aligns renders of the map to the photo, from a pose near the true one.
+
+    Args:
+        renderer: of the map's splat.
+        photo: pinhole photo.
+        start_cam_from_world: (4, 4), the coarse pose.
+        settings: see :class:`RefinementSettings`.
+        metres_per_unit: of the map; None where unknown: then lengths in metres, made for
+            rooms, are scaled to the rendered depth.
+    """
+    photo_levels = photo_pyramid(
+        luminance(photo.rgb),
+        _all_valid(photo) if photo.valid is None else photo.valid,
+        photo.camera,
+        settings.levels,
+    )
+    cam_from_world = start_cam_from_world
+    gain, bias, alignment = 1.0, 0.0, None
+    anchors = 0
+    while anchors < settings.max_anchors:
+        view = renderer.render(photo.camera, cam_from_world)
+        anchors += 1
+        unit = metres_per_unit if metres_per_unit else _unit_from_depth(view)
+        mask = visibility_mask(renderer, view, settings.visibility, unit)
+        # Later anchors start at the solution: the coarse levels have nothing to add.
+        levels = settings.levels if anchors == 1 else min(1, settings.levels)
+        pyramid = anchor_pyramid(luminance(view.rgb), view.depth, mask, view.camera, levels)
+        alignment = _align_levels(pyramid, photo_levels, gain, bias, settings.solver)
+        if isinstance(alignment, str):
+            return _failed(alignment, anchors)
+        gain, bias = alignment.gain, alignment.bias
+        cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
+        moved = pose_difference(cam_from_world, view.cam_from_world)
+        _log.debug(
+            "anchor %d: moved %.4f and %.3f deg, residual %.4f, %d pixels",
+            anchors, moved.distance, moved.degrees, alignment.residual, alignment.pixels,
+        )  # fmt: skip
+        far = (
+            moved.distance * unit > settings.rerender_translation
+            or moved.degrees > settings.rerender_rotation_degrees
+        )
+        if anchors >= settings.min_anchors and not far:
+            break
+    assert isinstance(alignment, Alignment)
+    level = len(pyramid) - 1
+    agreement, overlap = photometric_agreement(
+        pyramid[level], photo_levels[level], alignment.photo_from_anchor
+    )
+    return RefinementResult(
+        cam_from_world=cam_from_world,
+        covariance=_covariance(alignment, settings),
+        gain=alignment.gain,
+        bias=alignment.bias,
+        residual=alignment.residual,
+        agreement=agreement,
+        overlap=overlap,
+        pixels=alignment.pixels,
+        anchors=anchors,
+        converged=alignment.converged,
+    )
+
+
+def _align_levels(
+    anchor_levels: tuple[AnchorLevel, ...],
+    photo_levels: tuple[ImageLevel, ...],
+    gain: float,
+    bias: float,
+    settings: LucasKanadeSettings,
+) -> Alignment | str:
+    """Aligns one anchor, small images first; a string says why it failed."""
+    photo_from_anchor = np.eye(4)
+    alignment: Alignment | None = None
+    for level in range(len(anchor_levels) - 1, -1, -1):
+        template = build_template(anchor_levels[level], settings)
+        if template is None:
+            if level > 0:
+                continue  # a small image may lose all its pixels to the mask
+            return "too little of the map is visible around the coarse pose"
+        alignment = align(template, photo_levels[level], photo_from_anchor, gain, bias, settings)
+        if alignment is None:
+            return "the photo and the map do not overlap around the coarse pose"
+        photo_from_anchor = alignment.photo_from_anchor
+        gain, bias = alignment.gain, alignment.bias
+    assert alignment is not None
+    return alignment
+
+
+def _covariance(alignment: Alignment, settings: RefinementSettings) -> Float64Array:
+    information = alignment.information / settings.noise_correlation
+    return np.asarray(np.linalg.pinv(information, hermitian=True))
+
+
+def _unit_from_depth(view: RenderedView) -> float:
+    seen = view.depth > 0
+    return 2.0 / float(np.median(view.depth[seen])) if np.any(seen) else 1.0
+
+
+def _all_valid(photo: Photo) -> BoolArray:
+    return np.ones(photo.rgb.shape[:2], dtype=bool)
+
+
+def _failed(reason: str, anchors: int) -> RefinementResult:
+    nan = float("nan")
+    return RefinementResult(None, None, nan, nan, nan, nan, 0.0, 0, anchors, False, reason)

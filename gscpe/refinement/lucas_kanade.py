@@ -1,0 +1,257 @@
+"""Inverse-compositional Lucas-Kanade over SE(3), gain and bias (design: docs/how-it-works.md).
+
+Baker and Matthews, "Lucas-Kanade 20 years on" (IJCV 2004), with a rendered template that
+knows its depth. The anchor a is the render, the photo is q, and ``photo_from_anchor`` is
+sought. For a template pixel x with camera-frame point X = depth * K^-1 x:
+
+    residual  r = I_q(project(T X)) - (gain * I_a(x) + bias)
+    Jacobian  J = grad I_a(x) . d project / d X . [I | -[X]x],   constant while a stays
+    step      min sum w (r - [gain J, I_a, 1] (delta, d_gain, d_bias))^2
+    update    T <- T exp(delta)^-1
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.errors import SettingsError
+from gscpe.geometry import se3
+from gscpe.geometry.camera import Camera
+from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.sampling import gradient, sample_bilinear
+
+_TUKEY_CUTOFF = 4.685
+_MAD_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True)
+class LucasKanadeSettings:
+    """Settings of the solver at one pyramid level.
+
+    Attributes:
+        max_iterations: at most (paper: 20).
+        converged_pixels: a level ends when a step moves its pixels by less (RMS, pixels of
+            that level).
+        min_pixels: fewer usable pixels fail.
+        max_template_pixels: the template is thinned to those with the largest gradients.
+        min_noise: lower bound of the robust scale, luminance in [0, 1].
+    """
+
+    max_iterations: int = 20
+    converged_pixels: float = 0.003
+    min_pixels: int = 200
+    max_template_pixels: int = 1_000_000
+    min_noise: float = 1.0 / 255.0
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1 or self.min_pixels < 8 or self.max_template_pixels < 8:
+            raise SettingsError("Lucas-Kanade needs at least one iteration and eight pixels")
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Where the template fits the photo.
+
+    Attributes:
+        photo_from_anchor: (4, 4).
+        gain, bias: photo = gain * anchor + bias.
+        residual: robust standard deviation of the photometric residual, luminance.
+        information: (6, 6), J^T W J / sigma^2 of ``exp(xi) @ photo_from_anchor``, for
+            independent residuals.
+        pixels: template pixels that were used in the end.
+        iterations: steps taken.
+        converged: whether the last step was small enough.
+    """
+
+    photo_from_anchor: Float64Array
+    gain: float
+    bias: float
+    residual: float
+    information: Float64Array
+    pixels: int
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """Pixels of the anchor, prepared once: points, intensities, Jacobians.
+
+    Attributes:
+        points: (3, N) float32 in the anchor's camera frame.
+        intensities: (N,) float32.
+        jacobian: (N, 6) float32, d intensity / d delta.
+        motion: (6, 6) M with ``delta^T M delta`` the mean squared pixel motion of a step.
+    """
+
+    points: Float32Array
+    intensities: Float32Array
+    jacobian: Float32Array
+    motion: Float64Array
+
+
+def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Template | None:
+    """The template of an anchor level, or None when too few pixels are usable."""
+    gradient_u, gradient_v = gradient(anchor.image)
+    usable = _interior(anchor.valid)
+    chosen = np.flatnonzero(usable)
+    if len(chosen) < settings.min_pixels:
+        return None
+    if len(chosen) > settings.max_template_pixels:
+        strength = (gradient_u.ravel()[chosen] ** 2) + (gradient_v.ravel()[chosen] ** 2)
+        kept = np.argpartition(-strength, settings.max_template_pixels)
+        chosen = np.sort(chosen[kept[: settings.max_template_pixels]])
+    camera = anchor.camera
+    row, column = np.divmod(chosen, camera.width)
+    z = anchor.depth.ravel()[chosen]
+    x = (column.astype(np.float32) + np.float32(0.5 - camera.cx)) / np.float32(camera.fx) * z
+    y = (row.astype(np.float32) + np.float32(0.5 - camera.cy)) / np.float32(camera.fy) * z
+    by_x = gradient_u.ravel()[chosen] * np.float32(camera.fx) / z
+    by_y = gradient_v.ravel()[chosen] * np.float32(camera.fy) / z
+    by_z = -(by_x * x + by_y * y) / z
+    jacobian = np.stack(
+        [by_x, by_y, by_z, by_z * y - by_y * z, by_x * z - by_z * x, by_y * x - by_x * y], axis=1
+    )
+    return Template(
+        points=np.stack([x, y, z]),
+        intensities=anchor.image.ravel()[chosen],
+        jacobian=jacobian.astype(np.float32),
+        motion=_mean_motion(camera, x, y, z),
+    )
+
+
+def _interior(valid: BoolArray) -> BoolArray:
+    """Pixels whose gradient was made of valid pixels only."""
+    inside = np.zeros_like(valid)
+    inside[1:-1, 1:-1] = (
+        valid[1:-1, 1:-1] & valid[:-2, 1:-1] & valid[2:, 1:-1] & valid[1:-1, :-2] & valid[1:-1, 2:]
+    )
+    return inside
+
+
+def _mean_motion(camera: Camera, x: Float32Array, y: Float32Array, z: Float32Array) -> Float64Array:
+    """(6, 6) M with ``delta^T M delta`` = mean squared pixel motion of a step."""
+    step = max(1, len(z) // 2000)
+    x, y, z = x[::step].astype(np.float64), y[::step].astype(np.float64), z[::step].astype(float)
+    zero = np.zeros_like(z)
+    u_row = np.stack([1 / z, zero, -x / z**2, -x * y / z**2, 1 + (x / z) ** 2, -y / z])
+    v_row = np.stack([zero, 1 / z, -y / z**2, -1 - (y / z) ** 2, x * y / z**2, x / z])
+    u_row, v_row = camera.fx * u_row, camera.fy * v_row
+    return np.asarray((u_row @ u_row.T + v_row @ v_row.T) / len(z))
+
+
+def align(
+    template: Template,
+    photo: ImageLevel,
+    photo_from_anchor: Float64Array,
+    gain: float,
+    bias: float,
+    settings: LucasKanadeSettings,
+) -> Alignment | None:
+    """Aligns a template to the photo, or None when they hardly overlap.
+
+    Args:
+        template: of the anchor at this level.
+        photo: the photo at the same level.
+        photo_from_anchor: (4, 4) start.
+        gain, bias: start.
+        settings: see :class:`LucasKanadeSettings`.
+    """
+    n = len(template.intensities)
+    design = np.empty((n, 8), dtype=np.float32)
+    design[:, 6] = template.intensities
+    design[:, 7] = 1.0
+    converged, iterations = False, 0
+    while True:
+        residuals, usable = _residuals(template, photo, photo_from_anchor, gain, bias)
+        if np.count_nonzero(usable) < settings.min_pixels:
+            return None
+        sigma = max(_robust_sigma(residuals[usable]), settings.min_noise)
+        weights = _tukey(residuals, sigma) * usable
+        np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
+        weighted = design * weights[:, None]
+        hessian = (weighted.T @ design).astype(np.float64)
+        if converged or iterations == settings.max_iterations:
+            break
+        step = _solve(hessian, (weighted.T @ residuals).astype(np.float64))
+        if step is None:
+            return None
+        photo_from_anchor = photo_from_anchor @ se3.exp(-step[:6])
+        gain, bias = gain + step[6], bias + step[7]
+        iterations += 1
+        moved = np.sqrt(step[:6] @ template.motion @ step[:6])
+        converged = bool(moved < settings.converged_pixels)
+    return Alignment(
+        photo_from_anchor=photo_from_anchor,
+        gain=float(gain),
+        bias=float(bias),
+        residual=float(sigma),
+        information=_pose_information(hessian / sigma**2, photo_from_anchor),
+        pixels=int(np.count_nonzero(usable)),
+        iterations=iterations,
+        converged=converged,
+    )
+
+
+def _residuals(
+    template: Template,
+    photo: ImageLevel,
+    photo_from_anchor: Float64Array,
+    gain: float,
+    bias: float,
+) -> tuple[Float32Array, BoolArray]:
+    """Residuals, (N,), zero where the template leaves the photo; and where it does not."""
+    u, v, ahead = warp(template.points, photo_from_anchor, photo.camera)
+    values, inside = sample_bilinear(photo.image, photo.valid, u, v)
+    usable = inside & ahead
+    residuals = values - (np.float32(gain) * template.intensities + np.float32(bias))
+    return np.where(usable, residuals, np.float32(0.0)), usable
+
+
+def warp(
+    points: Float32Array, photo_from_anchor: Float64Array, camera: Camera
+) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Pixels u, v of anchor points, (3, N), in the photo, and whether they lie ahead."""
+    rotation = photo_from_anchor[:3, :3].astype(np.float32)
+    moved = rotation @ points + photo_from_anchor[:3, 3, None].astype(np.float32)
+    ahead = moved[2] > 1e-3
+    inverse_z = 1.0 / np.where(ahead, moved[2], np.float32(1.0))
+    u = moved[0] * inverse_z * np.float32(camera.fx) + np.float32(camera.cx)
+    v = moved[1] * inverse_z * np.float32(camera.fy) + np.float32(camera.cy)
+    return u, v, ahead
+
+
+def _robust_sigma(residuals: Float32Array) -> float:
+    """Median absolute deviation from zero, as a standard deviation."""
+    step = max(1, len(residuals) // 20_000)
+    return float(_MAD_TO_SIGMA * np.median(np.abs(residuals[::step])))
+
+
+def _tukey(residuals: Float32Array, sigma: float) -> Float32Array:
+    """Tukey's biweight."""
+    scaled = residuals * np.float32(1.0 / (_TUKEY_CUTOFF * sigma))
+    kept = np.maximum(np.float32(1.0) - scaled * scaled, np.float32(0.0))
+    return np.asarray(kept * kept, dtype=np.float32)
+
+
+def _solve(hessian: Float64Array, right: Float64Array) -> Float64Array | None:
+    """Solves with unit-free columns, or None when a direction is not observed at all."""
+    scale = np.sqrt(np.diag(hessian))
+    if np.any(scale <= 0) or not np.all(np.isfinite(hessian)):
+        return None
+    scaled = hessian / np.outer(scale, scale)
+    try:
+        return np.asarray(np.linalg.solve(scaled, right / scale) / scale)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _pose_information(hessian: Float64Array, photo_from_anchor: Float64Array) -> Float64Array:
+    """Marginalizes gain and bias, and moves delta from the anchor's to the photo's side."""
+    coupling = hessian[:6, 6:]
+    marginal = hessian[:6, :6] - coupling @ np.linalg.pinv(hessian[6:, 6:]) @ coupling.T
+    anchor_from_photo = se3.adjoint(se3.inverse(photo_from_anchor))
+    return np.asarray(anchor_from_photo.T @ marginal @ anchor_from_photo)

@@ -1,0 +1,104 @@
+"""Image pyramids that keep pixel centres: u at level s is u / 2^s exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gscpe.arrays import BoolArray, Float32Array, UInt8Array
+from gscpe.geometry.camera import Camera
+
+_T = TypeVar("_T", np.float32, np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class ImageLevel:
+    """One level: luminance, (H, W) float32 in [0, 1], where it is valid, and its camera."""
+
+    image: Float32Array
+    valid: BoolArray
+    camera: Camera
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorLevel(ImageLevel):
+    """A level of a render, with its z-depth, (H, W) float32."""
+
+    depth: Float32Array
+
+
+def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
+    """Rec. 601 luminance of (H, W, 3), (H, W) float32; bytes become [0, 1]."""
+    scale = 1.0 / 255.0 if rgb.dtype == np.uint8 else 1.0
+    weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) * np.float32(scale)
+    return np.asarray(rgb.astype(np.float32) @ weights, dtype=np.float32)
+
+
+def _blocks(image: NDArray[_T]) -> tuple[NDArray[_T], ...]:
+    """The four images of every second pixel; an odd last row or column is dropped."""
+    height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
+    return tuple(image[r:height:2, c:width:2] for r in (0, 1) for c in (0, 1))
+
+
+def halve_mean(image: Float32Array) -> Float32Array:
+    """Means of 2x2 pixels."""
+    a, b, c, d = _blocks(image)
+    return np.asarray((a + b + c + d) * np.float32(0.25))
+
+
+def halve_all(valid: BoolArray) -> BoolArray:
+    """Whether all of 2x2 pixels are valid."""
+    a, b, c, d = _blocks(valid)
+    return a & b & c & d
+
+
+def halve_camera(camera: Camera) -> Camera:
+    """The camera of the halved image."""
+    return replace(
+        camera,
+        width=camera.width // 2,
+        height=camera.height // 2,
+        fx=camera.fx / 2,
+        fy=camera.fy / 2,
+        cx=camera.cx / 2,
+        cy=camera.cy / 2,
+    )
+
+
+def photo_pyramid(
+    image: Float32Array, valid: BoolArray, camera: Camera, levels: int
+) -> tuple[ImageLevel, ...]:
+    """The photo at full size and ``levels`` times halved."""
+    pyramid = [ImageLevel(image, valid, camera)]
+    for _ in range(levels):
+        last = pyramid[-1]
+        pyramid.append(
+            ImageLevel(halve_mean(last.image), halve_all(last.valid), halve_camera(last.camera))
+        )
+    return tuple(pyramid)
+
+
+def anchor_pyramid(
+    image: Float32Array,
+    depth: Float32Array,
+    valid: BoolArray,
+    camera: Camera,
+    levels: int,
+) -> tuple[AnchorLevel, ...]:
+    """The anchor at full size and ``levels`` times halved; the mask is halved with it, so
+    that all contributing pixels are valid."""
+    pyramid = [AnchorLevel(image, valid, camera, depth)]
+    for _ in range(levels):
+        last = pyramid[-1]
+        pyramid.append(
+            AnchorLevel(
+                halve_mean(last.image),
+                halve_all(last.valid),
+                halve_camera(last.camera),
+                halve_mean(last.depth),
+            )
+        )
+    return tuple(pyramid)

@@ -1,0 +1,126 @@
+"""Which pixels of an anchor render can be trusted (paper, section on the visibility mask)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.errors import SettingsError
+from gscpe.geometry import se3
+from gscpe.render import RenderedView, Renderer
+
+
+@dataclass(frozen=True)
+class VisibilitySettings:
+    """Settings of the mask.
+
+    Attributes:
+        min_opacity: tau_alpha, below it a pixel shows a hole.
+        views: V, renders from perturbed poses; 0 leaves the vote out.
+        depth_tolerance: tau_d, metres, by which a view's depth may differ.
+        min_votes: tau_e, the share of the views that see a pixel and must agree.
+        perturbation: metres by which the views stand beside the anchor.
+        view_scale: size of the views relative to the anchor.
+        max_depth_step: relative difference of depth among 3x3 pixels that is an edge.
+    """
+
+    min_opacity: float = 0.9
+    views: int = 2
+    depth_tolerance: float = 0.02
+    min_votes: float = 0.3
+    perturbation: float = 0.05
+    view_scale: float = 0.25
+    max_depth_step: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.views < 0 or not 0 < self.view_scale <= 1:
+            raise SettingsError("the mask needs views >= 0 and view_scale in (0, 1]")
+
+
+def surface_mask(view: RenderedView, settings: VisibilitySettings) -> BoolArray:
+    """Pixels, (H, W), that show an opaque surface and no edge between two."""
+    depth = view.depth
+    kernel = np.ones((3, 3), dtype=np.uint8)
+    nearest, farthest = cv2.erode(depth, kernel), cv2.dilate(depth, kernel)
+    smooth = (farthest - nearest) <= settings.max_depth_step * np.maximum(nearest, 1e-9)
+    return np.asarray((view.opacity >= settings.min_opacity) & (nearest > 0) & smooth)
+
+
+def visibility_mask(
+    renderer: Renderer,
+    anchor: RenderedView,
+    settings: VisibilitySettings,
+    metres_per_unit: float,
+) -> BoolArray:
+    """The surface mask without pixels whose depth perturbed views contradict.
+
+    A pixel's point, ``X = depth * K^-1 x``, is looked up in view v with
+    ``v_from_anchor = v_from_world @ world_from_anchor`` (the paper writes the transforms of
+    camera-to-world poses); the view votes for it when its rendered depth there is the
+    point's depth to tau_d. Where no view sees the point, the surface mask decides.
+    """
+    mask = surface_mask(anchor, settings)
+    if settings.views == 0 or not np.any(mask):
+        return mask
+    camera = anchor.camera
+    small = camera.resized(
+        max(1, round(camera.width * settings.view_scale)),
+        max(1, round(camera.height * settings.view_scale)),
+    )
+    row, column = np.nonzero(mask)
+    z = anchor.depth[row, column].astype(np.float64)
+    points = np.stack(
+        [
+            (column + 0.5 - camera.cx) / camera.fx * z,
+            (row + 0.5 - camera.cy) / camera.fy * z,
+            z,
+        ]
+    )
+    votes, seen = np.zeros(len(z)), np.zeros(len(z))
+    for view_from_anchor in _perturbations(settings, metres_per_unit):
+        view = renderer.render(small, view_from_anchor @ anchor.cam_from_world)
+        moved = view_from_anchor[:3, :3] @ points + view_from_anchor[:3, 3, None]
+        nearest, farthest, inside = _depth_around(view, moved)
+        tolerance = settings.depth_tolerance / metres_per_unit
+        seen += inside
+        votes += inside & (moved[2] > nearest - tolerance) & (moved[2] < farthest + tolerance)
+    trusted = (votes >= settings.min_votes * seen) | (seen == 0)
+    mask[row, column] = trusted
+    return mask
+
+
+def _perturbations(settings: VisibilitySettings, metres_per_unit: float) -> list[Float64Array]:
+    """V poses on a circle around the anchor, in its image plane."""
+    angles = 2.0 * np.pi * (np.arange(settings.views) + 0.5) / settings.views
+    radius = settings.perturbation / metres_per_unit
+    return [
+        se3.exp([radius * np.cos(angle), radius * np.sin(angle), 0.0, 0.0, 0.0, 0.0])
+        for angle in angles
+    ]
+
+
+def _depth_around(
+    view: RenderedView, points: Float64Array
+) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Range of the rendered depth in the 3x3 pixels where points, (3, N), project; and
+    whether the view sees there.
+
+    The range, and not one depth, because a small view has large pixels: on a slanted
+    surface neighbouring depths differ by more than any tolerance for errors.
+    """
+    camera = view.camera
+    ahead = points[2] > 1e-6
+    z = np.where(ahead, points[2], 1.0)
+    u = points[0] / z * camera.fx + camera.cx
+    v = points[1] / z * camera.fy + camera.cy
+    inside = ahead & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    column = np.clip(u, 0, camera.width - 1).astype(np.intp)
+    row = np.clip(v, 0, camera.height - 1).astype(np.intp)
+    kernel = np.ones((3, 3), dtype=np.uint8)
+    known = view.depth > 0
+    nearest = cv2.erode(np.where(known, view.depth, np.float32(np.inf)), kernel)
+    farthest = cv2.dilate(view.depth, kernel)
+    return nearest[row, column], farthest[row, column], inside & known[row, column]
