@@ -1,0 +1,7 @@
+"""``python -m gscpe`` is ``gscpe``."""
+
+import sys
+
+from gscpe.cli.main import main
+
+sys.exit(main())

@@ -1,0 +1,47 @@
+"""``gscpe build-map``."""
+
+from __future__ import annotations
+
+import argparse
+
+from gscpe.cli.common import Commands, show_progress
+from gscpe.mapping import MapSettings, build_map
+from gscpe.scene import read_splat, save_map
+from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.map_folder import check_map_output
+
+
+def add_parser(commands: Commands) -> None:
+    parser = commands.add_parser("build-map", help="make a map from a splat and its photos")
+    parser.add_argument("splat", help="trained 3D Gaussian splat (.ply)")
+    parser.add_argument(
+        "--colmap", required=True, metavar="MODEL_DIR", help="COLMAP model, in the splat's frame"
+    )
+    parser.add_argument("--images", required=True, metavar="IMAGE_DIR", help="the model's photos")
+    parser.add_argument("--output", required=True, metavar="MAP", help="map folder to write")
+    scale = parser.add_mutually_exclusive_group()
+    scale.add_argument(
+        "--metres-per-unit",
+        type=float,
+        default=1.0,
+        help="length of a unit of the splat in metres (default: %(default)s)",
+    )
+    scale.add_argument(
+        "--unknown-scale",
+        action="store_true",
+        help="the splat is not metric: tolerances in metres are scaled to the scene's depth",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    check_map_output(options.output)
+    references = read_colmap_references(options.colmap, options.images)
+    scene = read_splat(options.splat)
+    settings = MapSettings(
+        metres_per_unit=None if options.unknown_scale else options.metres_per_unit
+    )
+    map_ = build_map(scene, references, options.images, settings, progress=show_progress())
+    save_map(map_, options.output)
+    print(f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos")
+    return 0

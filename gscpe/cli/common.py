@@ -1,0 +1,28 @@
+"""What several subcommands share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # argparse keeps the class private
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+else:
+    Commands = Any
+
+CAMERA_HELP = (
+    "COLMAP camera, MODEL,width,height,params..., for example "
+    "PINHOLE,640,480,525.5,525.5,320,240 (top-left pixel centre at 0.5, 0.5)"
+)
+
+
+def print_json(data: Any) -> None:
+    """Prints data as JSON."""
+    print(json.dumps(data, indent=2))
+
+
+def show_progress() -> bool:
+    """Progress bars are for people, not for log files."""
+    return sys.stderr.isatty()

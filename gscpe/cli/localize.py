@@ -1,0 +1,99 @@
+"""``gscpe localize``: one photo, or a list of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from gscpe.batch import check_outputs, localize_list, read_details, result_details, write_poses
+from gscpe.cli.common import CAMERA_HELP, Commands, print_json, show_progress
+from gscpe.errors import QueryListError
+from gscpe.geometry.camera import Camera
+from gscpe.localizer import Localizer
+from gscpe.scene import open_map, read_image
+from gscpe.scene.query_list import read_query_list
+
+
+def add_parser(commands: Commands) -> None:
+    parser = commands.add_parser("localize", help="find where a photo, or many, were taken")
+    parser.add_argument("map", help="map folder, from gscpe build-map")
+    parser.add_argument("photo", nargs="?", help="one photo")
+    parser.add_argument("--camera", help=f"of the one photo: {CAMERA_HELP}")
+    parser.add_argument("--json", action="store_true", help="print all about the one photo")
+    many = parser.add_argument_group("many photos")
+    many.add_argument("--queries", metavar="FILE", help="lines of: name MODEL width height params")
+    many.add_argument("--images", metavar="QUERY_DIR", help="folder of the query photos")
+    many.add_argument("--output", metavar="POSES", help="poses: name qw qx qy qz tx ty tz")
+    many.add_argument("--coarse-output", metavar="POSES", help="the same before refinement")
+    many.add_argument(
+        "--details",
+        metavar="JSONL",
+        help="a line a query with all that is known (default: beside the output)",
+    )
+    many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    parser.set_defaults(run=run, parser=parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    parser: argparse.ArgumentParser = options.parser
+    if (options.photo is None) == (options.queries is None):
+        parser.error("give either one photo, or --queries with --images and --output")
+    if options.photo is not None:
+        if options.camera is None:
+            parser.error("a photo needs its --camera")
+        return _localize_photo(options)
+    if options.images is None or options.output is None:
+        parser.error("--queries needs --images and --output")
+    return _localize_queries(options)
+
+
+def _localize_photo(options: argparse.Namespace) -> int:
+    camera = Camera.parse(options.camera)
+    image = read_image(options.photo)
+    camera.check_fits(image.shape, options.photo)
+    with Localizer(open_map(options.map)) as localizer:
+        result = localizer.localize(image, camera)
+    details = result_details(options.photo, result)
+    if options.json:
+        print_json(details)
+    elif result.localized:
+        print(f"{options.photo} {details['cam_from_world']}")
+    else:
+        print(f"{options.photo}: not localized: {result.reason}", file=sys.stderr)
+    return 0 if result.localized else 1
+
+
+def _localize_queries(options: argparse.Namespace) -> int:
+    queries = read_query_list(options.queries)
+    if not Path(options.images).is_dir():
+        raise QueryListError(f"--images {options.images} is not a folder")
+    output = Path(options.output)
+    details_path = Path(options.details or output.with_suffix(".details.jsonl"))
+    check_outputs([output, details_path, options.coarse_output])
+    map_ = open_map(options.map)
+    try:
+        with Localizer(map_) as localizer:
+            localize_list(
+                localizer,
+                queries,
+                options.images,
+                details_path,
+                resume=options.resume,
+                progress=show_progress(),
+            )
+    finally:  # also when interrupted: what is finished is written
+        finished = read_details(details_path)
+        details = [finished[query.name] for query in queries if query.name in finished]
+        write_poses(details, output, "refined")
+        if options.coarse_output:
+            write_poses(details, options.coarse_output, "coarse")
+        if len(details) < len(queries):
+            print(
+                f"{len(details)} of {len(queries)} photos are finished; "
+                "the same command with --resume goes on from there",
+                file=sys.stderr,
+            )
+    localized = sum(detail["status"] == "localized" for detail in details)
+    print(f"{localized} of {len(queries)} photos localized: {output}; details: {details_path}")
+    return 0

@@ -1,0 +1,48 @@
+"""``gscpe render``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from gscpe.cli.common import CAMERA_HELP, Commands
+from gscpe.errors import OutputError
+from gscpe.evaluation.pictures import depth_picture
+from gscpe.geometry.camera import Camera
+from gscpe.render import Renderer
+from gscpe.scene import open_map, write_image
+from gscpe.scene.pose_file import parse_pose
+
+
+def add_parser(commands: Commands) -> None:
+    parser = commands.add_parser("render", help="show the map from a pose")
+    parser.add_argument("map", help="map folder, from gscpe build-map")
+    parser.add_argument(
+        "--pose", required=True, help="world to camera: 'qw qx qy qz tx ty tz', in quotes"
+    )
+    parser.add_argument("--camera", required=True, help=CAMERA_HELP)
+    parser.add_argument(
+        "--output",
+        required=True,
+        metavar="FOLDER",
+        help="gets rgb.png, depth.npy (map units), depth.png (coloured), opacity.png",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    cam_from_world, camera = parse_pose(options.pose), Camera.parse(options.camera)
+    folder = Path(options.output)
+    with Renderer(open_map(options.map).scene) as renderer:
+        view = renderer.render(camera, cam_from_world)
+    write_image(folder / "rgb.png", view.rgb)
+    write_image(folder / "opacity.png", view.opacity)
+    write_image(folder / "depth.png", depth_picture(view.depth))
+    try:
+        np.save(folder / "depth.npy", view.depth)
+    except OSError as error:
+        raise OutputError(f"{folder / 'depth.npy'} cannot be written: {error.strerror}") from error
+    print(f"{folder}: rgb.png, depth.npy, depth.png, opacity.png")
+    return 0

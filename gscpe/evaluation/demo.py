@@ -1,0 +1,124 @@
+"""The demonstration: the main job on real photos, with a known answer and no download."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import GscpeError
+from gscpe.evaluation.motorcycle import Motorcycle, load_motorcycle
+from gscpe.evaluation.pictures import difference_picture, montage
+from gscpe.geometry.pose_error import PoseDifference, pose_difference
+from gscpe.localizer import LocalizationResult, Localizer
+from gscpe.mapping import map_from_rgbd
+from gscpe.render import DriverInfo, driver_info
+from gscpe.scene import to_uint8, write_image
+
+
+@dataclass(frozen=True, eq=False)
+class DemoReport:
+    """What the demonstration found.
+
+    Attributes:
+        driver: that rendered.
+        gaussians: in the map that was built.
+        true_cam_from_world: (4, 4).
+        result: of localizing the right photo.
+        coarse_error, refined_error: metres and degrees from the true pose.
+        seconds: wall time by stage, building the map included.
+        pictures: what was written, by name.
+    """
+
+    driver: DriverInfo
+    gaussians: int
+    true_cam_from_world: Float64Array
+    result: LocalizationResult
+    coarse_error: PoseDifference
+    refined_error: PoseDifference
+    seconds: dict[str, float]
+    pictures: dict[str, Path]
+
+
+def run_demo(output: str | Path, progress: bool = False) -> DemoReport:
+    """Maps the left Motorcycle photo with its true depth, localizes the right one in the map
+    from the left one's pose, and writes pictures.
+
+    Raises:
+        RenderError: OpenGL is missing.
+        OutputError: the pictures cannot be written.
+        GscpeError: the photo was not localized.
+    """
+    with tqdm(total=4, disable=not progress, bar_format="{desc:<28}{bar}{elapsed}") as bar:
+        bar.set_description_str("loading the photos")
+        driver = driver_info()
+        pair = load_motorcycle()
+        bar.update()
+
+        bar.set_description_str("building the map")
+        begin = time.perf_counter()
+        map_ = map_from_rgbd(
+            pair.left, pair.left_depth, pair.left_camera, np.eye(4), "motorcycle-left"
+        )
+        seconds = {"build map": time.perf_counter() - begin}
+        bar.update()
+
+        bar.set_description_str("localizing the right photo")
+        with Localizer(map_) as localizer:
+            result = localizer.localize(pair.right, pair.right_camera)
+            coarse, refined = result.coarse, result.refined
+            if not result.localized or coarse is None or refined is None:
+                raise GscpeError(f"the demo photo was not localized: {result.reason}")
+            assert coarse.cam_from_world is not None and refined.cam_from_world is not None
+            bar.update()
+
+            bar.set_description_str("drawing pictures")
+            pictures = _write_pictures(localizer, pair, result, Path(output))
+            bar.update()
+        bar.set_description_str("done")
+    truth = pair.right_from_left
+    return DemoReport(
+        driver=driver,
+        gaussians=len(map_.scene),
+        true_cam_from_world=truth,
+        result=result,
+        coarse_error=pose_difference(coarse.cam_from_world, truth),
+        refined_error=pose_difference(refined.cam_from_world, truth),
+        seconds=seconds | result.seconds,
+        pictures=pictures,
+    )
+
+
+def _write_pictures(
+    localizer: Localizer, pair: Motorcycle, result: LocalizationResult, folder: Path
+) -> dict[str, Path]:
+    assert result.coarse is not None and result.refined is not None
+    pictures = {"photo": pair.right}
+    for stage, estimate in (("coarse", result.coarse), ("refined", result.refined)):
+        assert estimate.cam_from_world is not None
+        view = localizer.render(pair.right_camera, estimate.cam_from_world)
+        pictures[f"render at the {stage} pose"] = to_uint8(view.rgb)
+        pictures[f"difference at the {stage} pose (x4)"] = difference_picture(
+            pair.right, view, result.refined.gain, result.refined.bias
+        )
+    names = list(pictures)
+    photo, _, coarse_difference, refined, refined_difference = names
+    pictures["overview"] = montage(
+        [
+            [(photo, pictures[photo]), (refined, pictures[refined])],
+            [
+                (coarse_difference, pictures[coarse_difference]),
+                (refined_difference, pictures[refined_difference]),
+            ],
+        ]
+    )
+    files = ("photo", "render_coarse", "difference_coarse", "render_refined", "difference_refined")
+    paths = {}
+    for file, (name, picture) in zip((*files, "overview"), pictures.items(), strict=True):
+        paths[name] = (folder / f"{file}.png").resolve()
+        write_image(paths[name], picture)
+    return paths

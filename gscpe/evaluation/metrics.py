@@ -1,0 +1,68 @@
+"""The field's numbers: median errors, and shares within thresholds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Mapping
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import PoseError
+from gscpe.geometry.pose_error import pose_difference
+
+THRESHOLDS = ((0.10, 5.0), (0.05, 5.0), (0.02, 2.0), (0.01, 1.0))
+"""Position (metres) and rotation (degrees) within which a photo counts as localized."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How good a set of poses is.
+
+    Attributes:
+        queries: photos in the truth list.
+        localized: those that have an estimate.
+        median_distance, median_degrees: over the localized photos; NaN where there are none.
+        shares: for each of THRESHOLDS, the share of *all* queries within it: a photo that
+            was not localized counts as a failure.
+        ignored: estimates whose photo is not in the truth list.
+    """
+
+    queries: int
+    localized: int
+    median_distance: float
+    median_degrees: float
+    shares: tuple[float, ...]
+    ignored: int
+
+
+def evaluate(
+    estimates: Mapping[str, Float64Array], truth: Mapping[str, Float64Array]
+) -> Evaluation:
+    """Compares estimated with true ``cam_from_world``, (4, 4) each, by photo name.
+
+    Raises:
+        PoseError: the truth is empty, or no estimate is of a photo in it.
+    """
+    if not truth:
+        raise PoseError("the truth list is empty")
+    common = [name for name in truth if name in estimates]
+    if estimates and not common:
+        raise PoseError(
+            "no estimate has a name of the truth list; "
+            f"for example {next(iter(estimates))!r} against {next(iter(truth))!r}"
+        )
+    errors = [pose_difference(estimates[name], truth[name]) for name in common]
+    distances = np.array([error.distance for error in errors])
+    degrees = np.array([error.degrees for error in errors])
+    return Evaluation(
+        queries=len(truth),
+        localized=len(common),
+        median_distance=float(np.median(distances)) if common else float("nan"),
+        median_degrees=float(np.median(degrees)) if common else float("nan"),
+        shares=tuple(
+            float(np.count_nonzero((distances <= metres) & (degrees <= limit)) / len(truth))
+            for metres, limit in THRESHOLDS
+        ),
+        ignored=len(estimates) - len(common),
+    )

@@ -1,0 +1,6 @@
+"""Making maps: from a trained splat and its photos, or from one RGB-D photo."""
+
+from gscpe.mapping.from_rgbd import RgbdMapSettings, map_from_rgbd, scene_from_rgbd
+from gscpe.mapping.from_splat import MapSettings, build_map
+
+__all__ = ["MapSettings", "RgbdMapSettings", "build_map", "map_from_rgbd", "scene_from_rgbd"]

@@ -1,0 +1,171 @@
+"""A map from one RGB-D photo: a thin surfel a pixel, with fitted colours.
+
+One fat disc a pixel would be wrong: overlapping discs composite front to back and shift
+the picture on slanted surfaces by up to 0.7 px. A surfel spanned by the two one-pixel
+tangent vectors of the depth map projects to a small round dot from the source view,
+whatever the slant, and the blur that the dots add is taken back by fitting the colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import PurePath
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
+from gscpe.errors import PhotoError, SettingsError
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.projection import pixel_centres, transform_points, unproject
+from gscpe.geometry.se3 import check_transform, inverse
+from gscpe.mapping.from_splat import describe_references
+from gscpe.render import Renderer
+from gscpe.retrieval import VladSettings
+from gscpe.scene import GaussianScene, Map, References
+from gscpe.scene.gaussians import SH_C0
+
+
+@dataclass(frozen=True)
+class RgbdMapSettings:
+    """How surfels are made.
+
+    Attributes:
+        surfel_sigma: standard deviation of a surfel, in pixels of the photo.
+        thickness: its standard deviation along the normal, relative to that.
+        opacity: of each surfel.
+        max_depth_step: relative change of depth from pixel to pixel that is an edge;
+            no surfels stand there.
+        colour_steps: Jacobi steps ``colour += colour_rate * (photo - render)``.
+        colour_rate: see there.
+        retrieval: the global descriptor of the photo.
+    """
+
+    surfel_sigma: float = 0.3
+    thickness: float = 0.1
+    opacity: float = 0.9
+    max_depth_step: float = 0.02
+    colour_steps: int = 8
+    colour_rate: float = 0.7
+    retrieval: VladSettings = field(default_factory=VladSettings)
+
+    def __post_init__(self) -> None:
+        if self.surfel_sigma <= 0 or self.thickness <= 0 or not 0 < self.opacity < 1:
+            raise SettingsError("surfels need positive sizes and an opacity in (0, 1)")
+
+
+def map_from_rgbd(
+    rgb: UInt8Array,
+    depth: Float32Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    name: str = "photo",
+    settings: RgbdMapSettings | None = None,
+    metres_per_unit: float | None = 1.0,
+) -> Map:
+    """A map whose only reference is this photo; arguments as :func:`scene_from_rgbd`."""
+    settings = settings or RgbdMapSettings()
+    return Map(
+        scene=scene_from_rgbd(rgb, depth, camera, cam_from_world, settings),
+        references=References((PurePath(name).name,), cam_from_world[None].copy(), (camera,)),
+        descriptors=describe_references([rgb], settings.retrieval),
+        metres_per_unit=metres_per_unit,
+    )
+
+
+def scene_from_rgbd(
+    rgb: UInt8Array,
+    depth: Float32Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    settings: RgbdMapSettings | None = None,
+) -> GaussianScene:
+    """A splat that looks like the photo from where it was taken.
+
+    Args:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) z-depth in map units; 0, NaN or infinite where unknown.
+        camera: pinhole camera of both.
+        cam_from_world: (4, 4), where they were taken.
+        settings: see :class:`RgbdMapSettings`.
+
+    Raises:
+        PhotoError: shapes do not fit, or hardly a pixel has a usable depth.
+        CameraError: the camera is of another image size.
+        RenderError: OpenGL is missing (the colours are fitted by rendering).
+    """
+    settings = settings or RgbdMapSettings()
+    camera.check_fits(rgb.shape, "the photo")
+    camera.check_fits(depth.shape, "the depth image")
+    if not camera.is_pinhole:
+        raise PhotoError("undistort the RGB-D photo first; its camera must be a pinhole")
+    cam_from_world = check_transform(cam_from_world, "cam_from_world")
+    known_depth = np.zeros(depth.shape)
+    np.copyto(known_depth, depth, where=np.isfinite(depth) & (depth > 0))
+    chosen = _away_from_edges(known_depth, settings.max_depth_step)
+    if np.count_nonzero(chosen) < 100:
+        raise PhotoError("the depth image has fewer than 100 usable pixels; is its unit right?")
+    surfels = _surfels(rgb, known_depth, chosen, camera, inverse(cam_from_world), settings)
+    return _fit_colours(surfels, rgb, chosen, camera, cam_from_world, settings)
+
+
+def _away_from_edges(depth: Float64Array, max_step: float) -> BoolArray:
+    known = depth > 0
+    kernel = np.ones((3, 3), dtype=np.uint8)
+    far = cv2.dilate(np.where(known, depth, 0.0), kernel)
+    near = cv2.erode(np.where(known, depth, 0.0), kernel)  # 0 beside an unknown pixel
+    return np.asarray(known & (near > 0) & (far - near <= 2.0 * max_step * depth))
+
+
+def _surfels(
+    rgb: UInt8Array,
+    depth: Float64Array,
+    chosen: BoolArray,
+    camera: Camera,
+    world_from_cam: Float64Array,
+    settings: RgbdMapSettings,
+) -> GaussianScene:
+    # Inverse depth is linear in the pixel on a plane, so its differences are exact there.
+    inverse_depth = 1.0 / np.where(depth > 0, depth, np.inf)
+    by_v, by_u = (np.asarray(by) for by in np.gradient(inverse_depth))
+    pixels = pixel_centres(camera)[chosen]
+    z = depth[chosen]
+    points_in_cam = unproject(camera, pixels, z)
+    slope_u, slope_v = -z * by_u[chosen], -z * by_v[chosen]  # relative change of depth
+    tangent_u = points_in_cam * slope_u[:, None]
+    tangent_u[:, 0] += z / camera.fx
+    tangent_v = points_in_cam * slope_v[:, None]
+    tangent_v[:, 1] += z / camera.fy
+
+    tangents = np.stack([tangent_u, tangent_v], axis=2) * settings.surfel_sigma
+    covariance = tangents @ tangents.transpose(0, 2, 1)
+    variances, axes = np.linalg.eigh(covariance)  # ascending: the normal comes first
+    variances[:, 0] = (settings.thickness**2) * variances[:, 1]
+    axes = axes * np.reshape(np.sign(np.linalg.det(axes)), (-1, 1, 1))  # right-handed
+    rotation = Rotation.from_matrix(world_from_cam[:3, :3] @ axes)
+    colours = rgb[chosen].astype(np.float32) / 255.0
+    return GaussianScene(
+        means=transform_points(world_from_cam, points_in_cam).astype(np.float32),
+        quaternions=rotation.as_quat(scalar_first=True).astype(np.float32),
+        scales=np.sqrt(variances).astype(np.float32),
+        opacities=np.full(len(z), settings.opacity, dtype=np.float32),
+        sh=((colours - 0.5) / np.float32(SH_C0))[:, None, :],
+    )
+
+
+def _fit_colours(
+    scene: GaussianScene,
+    rgb: UInt8Array,
+    chosen: BoolArray,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    settings: RgbdMapSettings,
+) -> GaussianScene:
+    target = rgb.astype(np.float32) / 255.0
+    for _ in range(settings.colour_steps):
+        with Renderer(scene) as renderer:
+            rendered = renderer.render(camera, cam_from_world).rgb
+        step = (settings.colour_rate / SH_C0) * (target - rendered)[chosen]
+        scene = replace(scene, sh=scene.sh + step[:, None, :].astype(np.float32))
+    return scene
