@@ -117,7 +117,8 @@ class Camera:
         """``MODEL width height params...`` in COLMAP's words; :meth:`parse` reads it back."""
         numbers = [self.fx, self.fy, self.cx, self.cy, *self.distortion]
         model = "FULL_OPENCV" if self.distortion else "PINHOLE"
-        return " ".join([model, str(self.width), str(self.height), *(repr(n) for n in numbers)])
+        words = (repr(float(number)) for number in numbers)  # repr(np.float64) is not a number
+        return " ".join([model, str(self.width), str(self.height), *words])
 
     @property
     def is_pinhole(self) -> bool:

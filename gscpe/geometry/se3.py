@@ -110,7 +110,10 @@ def check_transform(transform: ArrayLike, name: str) -> Float64Array:
         PoseError: the shape, the last row or the rotation is wrong. The message
             carries ``name``, which should say the frames.
     """
-    matrix = np.asarray(transform, dtype=np.float64)
+    try:
+        matrix = np.asarray(transform, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise PoseError(f"{name} must be a 4x4 matrix of numbers ({error})") from None
     if matrix.shape != (4, 4):
         raise PoseError(f"{name} must be a 4x4 matrix, not an array of shape {matrix.shape}")
     if not np.all(np.isfinite(matrix)):

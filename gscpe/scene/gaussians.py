@@ -85,7 +85,8 @@ class GaussianScene:
 
 def normalized_quaternions(quaternions: ArrayLike) -> Float32Array:
     """Unit quaternions, (N, 4) float32; a zero quaternion means no rotation, as in 3DGS."""
-    quaternions = np.array(quaternions, dtype=np.float32)
+    quaternions = np.array(quaternions, dtype=np.float64)  # lengths may overflow float32
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     quaternions[length[:, 0] < 1e-12] = (1.0, 0.0, 0.0, 0.0)
-    return np.asarray(quaternions / np.where(length < 1e-12, 1.0, length), dtype=np.float32)
+    with np.errstate(invalid="ignore"):  # GaussianScene reports what is infinite
+        return np.asarray(quaternions / np.where(length < 1e-12, 1.0, length), dtype=np.float32)

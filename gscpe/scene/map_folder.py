@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import shutil
+import tempfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gscpe.errors import GscpeError, MapError, OutputError
+from gscpe.errors import MapError, OutputError
 from gscpe.geometry.camera import Camera
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.references import GlobalDescriptors, References
@@ -25,6 +26,7 @@ from gscpe.scene.references import GlobalDescriptors, References
 FORMAT = "gscpe map"
 VERSION = 1
 _GAUSSIANS, _REFERENCES, _RETRIEVAL = "gaussians.npz", "references.json", "retrieval.npz"
+_CONTENTS = (_GAUSSIANS, _REFERENCES, _RETRIEVAL)
 _SCENE_ARRAYS = ("means", "quaternions", "scales", "opacities", "sh")
 
 
@@ -54,13 +56,15 @@ def save_map(map_: Map, folder: str | Path) -> None:
     Raises:
         OutputError: the folder cannot be written, or something else is there.
     """
-    folder = Path(folder)
+    folder = Path(folder).absolute()
     check_map_output(folder)
-    partial = folder.with_name(folder.name + ".partial")
     contents = {
         _GAUSSIANS: _npz(
             {name: getattr(map_.scene, name) for name in _SCENE_ARRAYS}
-            | {"antialiased": np.array(map_.scene.antialiased)}
+            | {
+                "antialiased": np.array(map_.scene.antialiased),
+                "metres_per_unit": np.array(map_.metres_per_unit or np.nan),
+            }
         ),
         _REFERENCES: _references_to_json(map_.references),
         _RETRIEVAL: _npz(
@@ -75,15 +79,12 @@ def save_map(map_: Map, folder: str | Path) -> None:
         "version": VERSION,
         "gaussians": len(map_.scene),
         "references": len(map_.references),
-        "metres_per_unit": map_.metres_per_unit,
         "files": {
             name: {"bytes": len(data), "crc32": zlib.crc32(data)} for name, data in contents.items()
         },
     }
+    partial = _temporary_beside(folder)
     try:
-        if partial.exists():
-            shutil.rmtree(partial)
-        partial.mkdir(parents=True)
         for name, data in contents.items():
             (partial / name).write_bytes(data)
         (partial / "map.json").write_text(json.dumps(manifest, indent=2) + "\n")
@@ -91,21 +92,20 @@ def save_map(map_: Map, folder: str | Path) -> None:
             shutil.rmtree(folder)
         partial.rename(folder)
     except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
         raise OutputError(f"map {folder} cannot be written: {error}") from error
 
 
 def check_map_output(folder: str | Path) -> None:
     """Raises OutputError, before any long work, when a map cannot be written to this folder."""
-    folder = Path(folder)
+    folder = Path(folder).absolute()
     if folder.exists() and not _is_replaceable(folder):
         raise OutputError(f"{folder} exists and is not a gscpe map; choose another output")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        probe = folder.with_name(folder.name + ".partial")
-        probe.mkdir(exist_ok=True)
-        probe.rmdir() if not any(probe.iterdir()) else shutil.rmtree(probe)
     except OSError as error:
         raise OutputError(f"map {folder} cannot be written: {error.strerror}") from error
+    _temporary_beside(folder).rmdir()
 
 
 def open_map(folder: str | Path) -> Map:
@@ -121,6 +121,7 @@ def open_map(folder: str | Path) -> Map:
     try:
         gaussians = _load_npz(contents[_GAUSSIANS])
         retrieval = _load_npz(contents[_RETRIEVAL])
+        unit = float(gaussians["metres_per_unit"])
         return Map(
             scene=GaussianScene(
                 means=gaussians["means"],
@@ -132,16 +133,27 @@ def open_map(folder: str | Path) -> Map:
             ),
             references=_references_from_json(contents[_REFERENCES]),
             descriptors=GlobalDescriptors(retrieval["vocabulary"], retrieval["descriptors"]),
-            metres_per_unit=manifest["metres_per_unit"],
+            metres_per_unit=None if np.isnan(unit) else unit,
         )
-    except (GscpeError, KeyError, ValueError, TypeError, OSError) as error:
+    except Exception as error:  # parsers raise KeyError, BadZipFile, EOFError, AttributeError, ...
         raise MapError(f"map {folder} is damaged ({error}); build it again") from error
+
+
+def _temporary_beside(folder: Path) -> Path:
+    """A new folder on the same disk, so that it can be renamed to ``folder``."""
+    try:
+        path = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        path.chmod(0o755)
+        return path
+    except OSError as error:
+        raise OutputError(f"map {folder} cannot be written: {error.strerror}") from error
 
 
 def _is_replaceable(folder: Path) -> bool:
     if not folder.is_dir():
         return False
-    return (folder / "map.json").is_file() or not any(folder.iterdir())
+    names = {entry.name for entry in folder.iterdir()}  # all of them would be deleted
+    return not names or (_GAUSSIANS in names and names <= {"map.json", *_CONTENTS})
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -151,7 +163,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     try:
         manifest = json.loads(path.read_text())
         is_map, version = manifest["format"] == FORMAT, int(manifest["version"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise MapError(f"{path} is damaged; build the map again") from error
     if not is_map:
         raise MapError(f"{path} does not describe a gscpe map")
@@ -160,7 +172,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             f"map {folder} has version {version}, this gscpe reads up to {VERSION}; update gscpe"
         )
     files = manifest.get("files")
-    if not isinstance(files, dict) or set(files) != {_GAUSSIANS, _REFERENCES, _RETRIEVAL}:
+    if not isinstance(files, dict) or set(files) != set(_CONTENTS):
         raise MapError(f"{path} is damaged; build the map again")
     return dict(manifest)
 

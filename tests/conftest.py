@@ -1,0 +1,31 @@
+"""Fixtures that the whole suite shares; plain helper functions are in helpers.py."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+# Reproducible, and no failure because a shared machine was slow for a moment.
+settings.register_profile("gscpe", deadline=None, derandomize=True, database=None, max_examples=50)
+settings.load_profile("gscpe")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator that starts alike in every test."""
+    return np.random.default_rng(20240607)
+
+
+@pytest.fixture(scope="session")
+def kitchen() -> Path:
+    """The RedKitchen folder, for tests on real photos."""
+    root = os.environ.get("GSCPE_DATA")
+    if not root:
+        pytest.skip("set GSCPE_DATA to the folder that holds redkitchen/ to run this")
+    folder = Path(root) / "redkitchen"
+    assert folder.is_dir(), f"GSCPE_DATA is set, but {folder} is missing"
+    return folder

@@ -1,0 +1,203 @@
+"""Renderers over time: memory, several at once, closing, and what they refuse."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from helpers import random_scene, simple_camera
+from numpy_compositor import composite
+
+from gscpe.errors import PoseError, RenderError
+from gscpe.geometry import Camera
+from gscpe.render import Renderer, driver_info, shader_source
+from gscpe.scene import GaussianScene
+
+FACING_AWAY = np.diag([-1.0, 1.0, -1.0, 1.0])
+
+
+@pytest.fixture
+def scene(rng: np.random.Generator) -> GaussianScene:
+    return random_scene(rng, 300, 1)
+
+
+def resident_megabytes() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+needs_statm = pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(), reason="memory is measured through /proc"
+)
+
+
+@needs_statm
+@pytest.mark.parametrize("different", [7, 240])
+def test_rendering_many_sizes_does_not_grow_memory(different: int, scene: GaussianScene) -> None:
+    """More sizes in turn than are kept, so that each render makes new targets."""
+    cameras = [simple_camera(60 + 17 * i % 103, 60 + 29 * i % 89) for i in range(different)]
+    with Renderer(scene) as renderer:
+        for i in range(240):
+            renderer.render(cameras[i % different], np.eye(4))
+            if i == 40:
+                gc.collect()
+                before = resident_megabytes()
+        gc.collect()
+        assert resident_megabytes() - before < 4.0
+
+
+@needs_statm
+def test_opening_and_closing_does_not_grow_memory(rng: np.random.Generator) -> None:
+    """A renderer of this splat holds some 14 MB: one that stays would show."""
+    large = random_scene(rng, 30_000, 3, scale=(0.002, 0.01))
+
+    def open_and_close() -> None:
+        with Renderer(large) as renderer:
+            renderer.render(simple_camera(), np.eye(4))
+
+    for _ in range(3):
+        open_and_close()
+    gc.collect()
+    before = resident_megabytes()
+    for _ in range(20):
+        open_and_close()
+    gc.collect()
+    assert resident_megabytes() - before < 8.0
+
+
+def test_two_renderers_at_once(rng: np.random.Generator) -> None:
+    scenes = [random_scene(rng, 60, degree) for degree in (1, 3)]
+    cameras = [simple_camera(40 + 3 * i, 30 + i) for i in range(6)]
+    with Renderer(scenes[0]) as first, Renderer(scenes[1]) as second:
+        views = [
+            (scene, renderer.render(camera, np.eye(4)))
+            for camera in cameras
+            for scene, renderer in zip(scenes, (first, second), strict=True)
+        ]
+        first.close()
+        views.append((scenes[1], second.render(cameras[0], np.eye(4))))
+    for scene, view in views:
+        reference = composite(scene, view.camera, np.eye(4))
+        np.testing.assert_allclose(view.rgb, reference.rgb, atol=1 / 255)
+        np.testing.assert_allclose(view.opacity, reference.opacity, atol=1 / 255)
+
+
+def test_the_same_view_is_the_same_picture(scene: GaussianScene) -> None:
+    """Whatever was rendered in between, and however many Gaussians it showed."""
+    camera = simple_camera()
+    with Renderer(scene) as renderer:
+        first = renderer.render(camera, np.eye(4))
+        kept = first.rgb.copy()
+        for i in range(6):
+            renderer.render(simple_camera(20 + i, 20), np.eye(4))
+        renderer.render(camera, FACING_AWAY)
+        again = renderer.render(camera, np.eye(4))
+    for name in ("rgb", "opacity", "depth", "depth_variance"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
+    np.testing.assert_array_equal(first.rgb, kept)
+
+
+def test_nothing_in_view_is_black_and_empty(scene: GaussianScene) -> None:
+    with Renderer(scene) as renderer:
+        renderer.render(simple_camera(), np.eye(4))
+        view = renderer.render(simple_camera(), FACING_AWAY)
+    for array in (view.rgb, view.opacity, view.depth, view.depth_variance):
+        np.testing.assert_array_equal(array, 0.0)
+
+
+def test_another_thread_may_take_over(scene: GaussianScene) -> None:
+    pictures: list[Any] = []
+    with Renderer(scene) as renderer:
+        here = renderer.render(simple_camera(), np.eye(4))
+        thread = threading.Thread(
+            target=lambda: pictures.append(renderer.render(simple_camera(), np.eye(4)))
+        )
+        thread.start()
+        thread.join()
+        after = renderer.render(simple_camera(), np.eye(4))
+    np.testing.assert_array_equal(pictures[0].rgb, here.rgb)
+    np.testing.assert_array_equal(after.rgb, here.rgb)
+
+
+def test_a_closed_renderer_says_so(scene: GaussianScene) -> None:
+    renderer = Renderer(scene)
+    renderer.close()
+    renderer.close()
+    with pytest.raises(RenderError, match="closed"):
+        renderer.render(simple_camera(), np.eye(4))
+
+
+def test_errors_leave_the_renderer_usable(scene: GaussianScene, rng: np.random.Generator) -> None:
+    camera = simple_camera()
+    bent = Camera.parse("SIMPLE_RADIAL,64,48,55,32,24,0.1")
+    huge = simple_camera(10_000_000, 1)
+    with Renderer(scene) as renderer:
+        before = renderer.render(camera, np.eye(4))
+        with pytest.raises(RenderError, match="undistort"):
+            renderer.render(bent, np.eye(4))
+        with pytest.raises(RenderError, match="10000000x1 is more than the driver's"):
+            renderer.render(huge, np.eye(4))
+        for pose in (np.eye(3), 2.0 * np.eye(4), np.full((4, 4), np.nan)):
+            with pytest.raises(PoseError, match="cam_from_world"):
+                renderer.render(camera, pose)
+        after = renderer.render(camera, np.eye(4))
+    np.testing.assert_array_equal(after.rgb, before.rgb)
+
+
+def test_no_opengl_names_the_remedy(scene: GaussianScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_driver(*_: object, **__: object) -> None:
+        raise Exception("libEGL.so.1 not loaded")
+
+    monkeypatch.setattr(moderngl, "create_context", no_driver)
+    for attempt in (lambda: Renderer(scene), driver_info):
+        with pytest.raises(RenderError, match=r"libEGL\.so\.1 not loaded.*install.*doctor"):
+            attempt()
+
+
+def test_an_old_driver_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    released: list[bool] = []
+    old = SimpleNamespace(
+        version_code=210,
+        info={"GL_VERSION": "2.1 Mesa 7.0"},
+        release=lambda: released.append(True),
+    )
+    monkeypatch.setattr(moderngl, "create_context", lambda **_: old)
+    with pytest.raises(RenderError, match=r"too old: 2\.1 Mesa 7\.0, 3\.3 is needed"):
+        driver_info()
+    assert released == [True]
+
+
+def test_a_missing_shader_gives_the_context_back(
+    scene: GaussianScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    contexts: list[Any] = []
+    create = moderngl.create_context
+
+    def remember(**options: Any) -> Any:
+        contexts.append(create(**options))
+        return contexts[-1]
+
+    monkeypatch.setattr(moderngl, "create_context", remember)
+    monkeypatch.setattr(shader_source, "_FOLDERS", ())
+    with pytest.raises(RenderError, match=r"shader cover\.vert is missing.*install gscpe again"):
+        Renderer(scene)
+    assert len(contexts) == 1
+    assert isinstance(contexts[0].mglo, moderngl.InvalidObject)
+
+
+def test_the_driver_is_described(scene: GaussianScene) -> None:
+    info = driver_info()
+    assert info.version_code >= 330
+    assert info.renderer
+    assert info.version
+    assert info.is_software == ("llvmpipe" in info.renderer.lower()) or sys.platform == "win32"
+    with Renderer(scene) as renderer:
+        assert renderer.driver == info
