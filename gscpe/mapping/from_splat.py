@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from gscpe.arrays import UInt8Array
 from gscpe.errors import MapError
+from gscpe.geometry.camera import Camera
 from gscpe.retrieval import VladSettings, describe_image, learn_vocabulary, local_descriptors
 from gscpe.scene import GaussianScene, GlobalDescriptors, Map, References, read_image, to_photo
 
@@ -45,7 +46,7 @@ def build_map(
     settings = settings or MapSettings()
     folder = Path(image_folder)
     photos = (
-        to_photo(read_image(folder / name), camera).rgb
+        _reference_photo(folder / name, camera)
         for name, camera in zip(references.names, references.cameras, strict=True)
     )
     shown = tqdm(
@@ -61,6 +62,12 @@ def build_map(
         descriptors=describe_references(shown, settings.retrieval),
         metres_per_unit=settings.metres_per_unit,
     )
+
+
+def _reference_photo(path: Path, camera: Camera) -> UInt8Array:
+    image = read_image(path)
+    camera.check_fits(image.shape, f"reference photo {path}")
+    return to_photo(image, camera).rgb
 
 
 def describe_references(photos: Iterable[UInt8Array], settings: VladSettings) -> GlobalDescriptors:

@@ -1,0 +1,80 @@
+#!/usr/bin/env python3
+"""Localizes the RedKitchen queries of $GSCPE_DATA and prints the README's table.
+
+Usage: .venv/bin/python tools/bench_redkitchen.py [--every N] [--output FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gscpe.batch import localize_list, write_poses
+from gscpe.evaluation import THRESHOLDS, evaluate
+from gscpe.localizer import Localizer
+from gscpe.mapping import build_map
+from gscpe.render import driver_info
+from gscpe.scene import read_splat
+from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.pose_file import read_poses
+from gscpe.scene.query_list import read_query_list
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--every", type=int, default=1, help="only every N-th query")
+    parser.add_argument("--output", type=Path, default=Path("redkitchen-results"))
+    options = parser.parse_args()
+    if "GSCPE_DATA" not in os.environ:
+        print("set GSCPE_DATA to the folder that holds redkitchen/", file=sys.stderr)
+        return 2
+    data = Path(os.environ["GSCPE_DATA"]) / "redkitchen"
+    references = read_colmap_references(data / "sparse" / "0", data / "references")
+    map_ = build_map(read_splat(data / "splat.ply"), references, data / "references", progress=True)
+    queries = read_query_list(data / "queries.txt")[:: options.every]
+    names = {query.name for query in queries}
+    truth = {n: pose for n, pose in read_poses(data / "truth.txt").items() if n in names}
+    options.output.mkdir(parents=True, exist_ok=True)
+    with Localizer(map_) as localizer:
+        details = localize_list(
+            localizer,
+            queries,
+            data / "queries",
+            options.output / "details.jsonl",
+            progress=True,
+        )
+    print(f"{len(queries)} queries, {driver_info().renderer}, {os.cpu_count()} cores")
+    print()
+    limits = " | ".join(f"{100 * m:.0f} cm/{d:.0f}°" for m, d in THRESHOLDS)
+    print(f"| | localized | median | {limits} |")
+    print("|---|---|---|" + "---|" * len(THRESHOLDS))
+    for stage in ("coarse", "refined"):
+        path = options.output / f"{stage}.txt"
+        write_poses(details, path, stage)
+        result = evaluate(read_poses(path), truth)
+        shares = " | ".join(f"{100 * share:.0f}%" for share in result.shares)
+        print(
+            f"| {stage} | {result.localized} of {result.queries} | "
+            f"{100 * result.median_distance:.3f} cm / {result.median_degrees:.3f}° | {shares} |"
+        )
+    print()
+    print(_seconds(details))
+    return 0
+
+
+def _seconds(details: list[dict[str, Any]]) -> str:
+    stages: dict[str, list[float]] = {}
+    for detail in details:
+        for stage, value in detail["seconds"].items():
+            stages.setdefault(stage, []).append(value)
+    medians = (f"{stage} {np.median(values):.2f}" for stage, values in stages.items())
+    return "seconds a query (median): " + ", ".join(medians)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
