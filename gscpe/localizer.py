@@ -76,11 +76,17 @@ class LocalizationResult:
 
 
 class Localizer:
-    """Localizes photos in one map. Holds the map on the graphics driver: keep it, use it
-    from one thread at a time, and close it (or use it as a context manager).
+    """Localizes photos in one map. Holds the map on the graphics driver or in memory: keep it,
+    use it from one thread at a time, and close it (or use it as a context manager).
+
+    Args:
+        map_: to localize in.
+        settings: of every stage.
+        matcher: of photo and render; SIFT by default.
+        backend, progress: as :class:`gscpe.render.Renderer`.
 
     Raises:
-        RenderError: OpenGL is missing, too old, or failed.
+        RenderError: there is nothing to render with.
     """
 
     def __init__(
@@ -88,11 +94,13 @@ class Localizer:
         map_: Map,
         settings: LocalizerSettings | None = None,
         matcher: Matcher | None = None,
+        backend: str = "auto",
+        progress: bool = False,
     ) -> None:
         self.map = map_
         self.settings = settings or LocalizerSettings()
         self._matcher: Matcher = matcher or SiftMatcher()
-        self._renderer = Renderer(map_.scene)
+        self._renderer = Renderer(map_.scene, backend, progress)
 
     def localize(self, image: UInt8Array, camera: Camera) -> LocalizationResult:
         """Estimates the pose of a photo.
@@ -150,6 +158,11 @@ class Localizer:
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`."""
         return self._renderer.render(camera, cam_from_world)
 
+    @property
+    def renderer_description(self) -> str:
+        """What renders: the OpenGL driver, or the CPU rasterizer and its threads."""
+        return self._renderer.description
+
     def _retrieve(self, photo: Photo) -> tuple[RetrievedReference, ...]:
         known = self.map.descriptors
         local = local_descriptors(photo.rgb, self.settings.retrieval)
@@ -170,7 +183,7 @@ class Localizer:
         )
 
     def close(self) -> None:
-        """Gives the driver's memory back; the localizer cannot be used after."""
+        """Gives the renderer's memory back; the localizer cannot be used after."""
         self._renderer.close()
 
     def __enter__(self) -> Localizer:

@@ -29,3 +29,9 @@ def kitchen() -> Path:
     folder = Path(root) / "redkitchen"
     assert folder.is_dir(), f"GSCPE_DATA is set, but {folder} is missing"
     return folder
+
+
+@pytest.fixture(params=["gl", "cpu"])
+def backend(request: pytest.FixtureRequest) -> str:
+    """Every rasterizer must pass the tests that take this."""
+    return str(request.param)

@@ -57,11 +57,12 @@ def check(
     scene: GaussianScene,
     camera: Camera,
     cam_from_world: NDArray[np.float64],
+    backend: str,
     *,
     min_transmittance: float = 1e-4,
 ) -> Composite:
     """Renders both ways, fails on a visible difference, and returns the reference."""
-    with Renderer(scene) as renderer:
+    with Renderer(scene, backend) as renderer:
         view = renderer.render(camera, cam_from_world)
     reference = composite(scene, camera, cam_from_world, min_transmittance=min_transmittance)
     worst = differences(view, reference)
@@ -77,22 +78,29 @@ def check(
 
 @pytest.mark.parametrize("antialiased", [False, True])
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_harmonics_and_filters(degree: int, antialiased: bool, rng: np.random.Generator) -> None:
+def test_harmonics_and_filters(
+    degree: int, antialiased: bool, rng: np.random.Generator, backend: str
+) -> None:
     pose = random_pose(rng)
     scene = random_scene(rng, 150, degree, cam_from_world=pose, antialiased=antialiased)
-    reference = check(scene, CAMERAS["off-centre, fx != fy"], pose)
+    reference = check(scene, CAMERAS["off-centre, fx != fy"], pose, backend)
     assert (reference.opacity > 0.5).mean() > 0.2
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_cameras(name: str, rng: np.random.Generator) -> None:
+def test_cameras(name: str, rng: np.random.Generator, backend: str) -> None:
     pose = random_pose(rng)
     scene = random_scene(rng, 200, 1, cam_from_world=pose)
-    check(scene, CAMERAS[name], pose)
+    check(scene, CAMERAS[name], pose, backend)
 
 
-def test_an_image_of_one_pixel(rng: np.random.Generator) -> None:
-    check(random_scene(rng, 10, 1), Camera.pinhole(1, 1, fx=1.0, fy=1.0, cx=0.5, cy=0.5), np.eye(4))
+def test_an_image_of_one_pixel(rng: np.random.Generator, backend: str) -> None:
+    check(
+        random_scene(rng, 10, 1),
+        Camera.pinhole(1, 1, fx=1.0, fy=1.0, cx=0.5, cy=0.5),
+        np.eye(4),
+        backend,
+    )
 
 
 def test_harmonics_alone_make_a_difference(rng: np.random.Generator) -> None:
@@ -108,47 +116,47 @@ def test_harmonics_alone_make_a_difference(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("antialiased", [False, True])
-def test_needles_and_discs(antialiased: bool, rng: np.random.Generator) -> None:
+def test_needles_and_discs(antialiased: bool, rng: np.random.Generator, backend: str) -> None:
     pose = random_pose(rng)
     scene = random_scene(rng, 200, 0, cam_from_world=pose, antialiased=antialiased)
     scales = scene.scales.copy()
     scales[:100, :2] = 1e-4  # needles
     scales[:100, 2] = 0.4
     scales[100:, 0] = 1e-7  # discs
-    check(replace(scene, scales=scales), CAMERAS["odd size"], pose)
+    check(replace(scene, scales=scales), CAMERAS["odd size"], pose, backend)
 
 
-def test_points_far_below_a_pixel(rng: np.random.Generator) -> None:
+def test_points_far_below_a_pixel(rng: np.random.Generator, backend: str) -> None:
     pose = random_pose(rng)
     tiny = random_scene(rng, 300, 0, cam_from_world=pose, scale=(1e-5, 0.02))
-    check(tiny, CAMERAS["centred"], pose)
-    check(replace(tiny, antialiased=True), CAMERAS["centred"], pose)
+    check(tiny, CAMERAS["centred"], pose, backend)
+    check(replace(tiny, antialiased=True), CAMERAS["centred"], pose, backend)
 
 
-def test_gaussians_larger_than_the_image(rng: np.random.Generator) -> None:
+def test_gaussians_larger_than_the_image(rng: np.random.Generator, backend: str) -> None:
     pose = random_pose(rng)
     scene = random_scene(rng, 40, 1, cam_from_world=pose, scale=(0.5, 4.0), opacity=(0.05, 0.4))
-    check(scene, CAMERAS["odd size"], pose)
+    check(scene, CAMERAS["odd size"], pose, backend)
 
 
-def test_gaussians_near_and_behind_the_camera(rng: np.random.Generator) -> None:
+def test_gaussians_near_and_behind_the_camera(rng: np.random.Generator, backend: str) -> None:
     """Centres from 1 behind to 1 before the camera: those up to 0.2 are not drawn."""
     scene = random_scene(rng, 120, 1, opacity=(0.05, 0.6))
     means = rng.uniform(-1.0, 1.0, (120, 3)).astype(np.float32)
     near = np.abs(means[:, 2] - 0.2) < 1e-3
     means[near, 2] = 0.3
-    check(replace(scene, means=means), CAMERAS["off-centre, fx != fy"], np.eye(4))
+    check(replace(scene, means=means), CAMERAS["off-centre, fx != fy"], np.eye(4), backend)
 
 
-def test_faint_gaussians(rng: np.random.Generator) -> None:
+def test_faint_gaussians(rng: np.random.Generator, backend: str) -> None:
     """Opacities around 1/255, including exactly that in single precision."""
     scene = random_scene(rng, 200, 0)
     opacities = rng.uniform(0.0, 2.0 / 255.0, 200).astype(np.float32)
     opacities[:3] = 0.0, 1.0 / 255.0, np.nextafter(np.float32(1 / 255), np.float32(0))
-    check(replace(scene, opacities=opacities), CAMERAS["centred"], np.eye(4))
+    check(replace(scene, opacities=opacities), CAMERAS["centred"], np.eye(4), backend)
 
 
-def test_opaque_gaussians(rng: np.random.Generator) -> None:
+def test_opaque_gaussians(rng: np.random.Generator, backend: str) -> None:
     """Opacity 1 is clamped to 0.99. Blending composites to the very end, where 3DGS stops at
     a transmittance of 1e-4 and so loses up to 0.01: compared without that stop."""
     scene = random_scene(rng, 150, 0, opacity=(0.9, 1.0))
@@ -156,22 +164,24 @@ def test_opaque_gaussians(rng: np.random.Generator) -> None:
     opacities[::2] = 1.0
     scene = replace(scene, opacities=opacities)
     camera = CAMERAS["centred"]
-    check(scene, camera, np.eye(4), min_transmittance=0.0)
-    with Renderer(scene) as renderer:
+    check(scene, camera, np.eye(4), backend, min_transmittance=0.0)
+    with Renderer(scene, backend) as renderer:
         view = renderer.render(camera, np.eye(4))
     stopped = composite(scene, camera, np.eye(4))
     assert differences(view, stopped).opacity <= 0.01
 
 
 @pytest.mark.parametrize("count", [1, 1023, 1024, 1025, 3000])
-def test_counts_around_the_rows_of_the_textures(count: int, rng: np.random.Generator) -> None:
+def test_counts_around_the_rows_of_the_textures(
+    count: int, rng: np.random.Generator, backend: str
+) -> None:
     scene = random_scene(rng, count, 1, scale=(0.01, 0.04), opacity=(0.05, 0.5))
-    check(scene, simple_camera(40, 30), np.eye(4))
+    check(scene, simple_camera(40, 30), np.eye(4), backend)
 
 
-def test_a_view_says_where_it_was_taken(rng: np.random.Generator) -> None:
+def test_a_view_says_where_it_was_taken(rng: np.random.Generator, backend: str) -> None:
     pose = random_pose(rng)
-    with Renderer(random_scene(rng, 20, 1, cam_from_world=pose)) as renderer:
+    with Renderer(random_scene(rng, 20, 1, cam_from_world=pose), backend) as renderer:
         view = renderer.render(CAMERAS["odd size"], pose)
     assert view.camera == CAMERAS["odd size"]
     np.testing.assert_array_equal(view.cam_from_world, pose)
@@ -186,7 +196,7 @@ def test_a_view_says_where_it_was_taken(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("pixel", [(20.5, 15.5), (20.0, 15.0), (31.27, 22.81), (9.9, 40.4)])
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_a_gaussian_appears_where_it_projects(
-    pixel: tuple[float, float], antialiased: bool, rng: np.random.Generator
+    pixel: tuple[float, float], antialiased: bool, rng: np.random.Generator, backend: str
 ) -> None:
     """The centre of the top-left pixel is (0.5, 0.5), to a hundredth of a pixel."""
     camera = Camera.pinhole(61, 47, fx=300.0, fy=280.0, cx=17.3, cy=33.9)
@@ -203,7 +213,7 @@ def test_a_gaussian_appears_where_it_projects(
         antialiased=antialiased,
     )
     np.testing.assert_allclose(project(camera, in_cam[None])[0], pixel, atol=1e-9)
-    with Renderer(scene) as renderer:
+    with Renderer(scene, backend) as renderer:
         view = renderer.render(camera, pose)
     rows, columns = np.mgrid[0:47, 0:61]
     mass = view.opacity.astype(np.float64)

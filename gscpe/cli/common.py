@@ -18,6 +18,16 @@ CAMERA_HELP = (
 )
 
 
+def add_backend(parser: argparse.ArgumentParser) -> None:
+    """``--backend``, for the commands that render."""
+    parser.add_argument(
+        "--backend",
+        choices=("auto", "gl", "cpu"),
+        default="auto",
+        help="how to render: OpenGL, or on the CPU with Numba (default: what is faster here)",
+    )
+
+
 def print_json(data: Any) -> None:
     """Prints data as JSON."""
     print(json.dumps(data, indent=2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from gscpe.cli.common import Commands, print_json, show_progress
+from gscpe.cli.common import Commands, add_backend, print_json, show_progress
 from gscpe.evaluation.demo import DemoReport, run_demo
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.scene.pose_file import format_pose
@@ -19,11 +19,12 @@ def add_parser(commands: Commands) -> None:
         "--output", default="gscpe-demo", help="folder of the pictures (default: %(default)s)"
     )
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+    add_backend(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    report = run_demo(options.output, progress=show_progress())
+    report = run_demo(options.output, options.backend, progress=show_progress())
     if options.json:
         print_json(_as_json(report))
     else:
@@ -44,7 +45,7 @@ def _as_json(report: DemoReport) -> dict[str, Any]:
         }
 
     return {
-        "driver": report.driver.renderer,
+        "renderer": report.renderer,
         "gaussians": report.gaussians,
         "true_cam_from_world": format_pose(report.true_cam_from_world),
         "coarse": stage(coarse.cam_from_world, report.coarse_error)
@@ -60,7 +61,7 @@ def _print_text(report: DemoReport) -> None:
     data = _as_json(report)
     print("Where was the right photo of the Middlebury Motorcycle pair taken?")
     print(f"Map: {report.gaussians} Gaussians made of the left photo and its depth")
-    print(f"Driver: {report.driver.renderer}, OpenGL {report.driver.version}")
+    print(f"Renderer: {report.renderer}")
     print()
     print("pose     qw qx qy qz tx ty tz (world to camera)")
     for name in ("coarse", "refined"):

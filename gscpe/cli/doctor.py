@@ -10,10 +10,13 @@ import platform
 from gscpe import __version__
 from gscpe.cli.common import Commands
 from gscpe.errors import RenderError
-from gscpe.render import driver_info
+from gscpe.render import choose_backend, driver_info
 
 _REQUIRED = ("moderngl", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
-_OPTIONAL = {"pycolmap": "reading COLMAP models (gscpe build-map)"}
+_OPTIONAL = {
+    "numba": "rendering on the CPU, several times faster than OpenGL in software",
+    "pycolmap": "reading COLMAP models (gscpe build-map)",
+}
 
 
 def add_parser(commands: Commands) -> None:
@@ -28,15 +31,20 @@ def run(options: argparse.Namespace) -> int:
         print(f"{package:<32} {_version(package) or 'MISSING: pip install ' + package}")
     for package, use in _OPTIONAL.items():
         version = _version(package)
-        print(f"{package:<32} {version or 'missing (optional), for ' + use}")
+        print(f"{package:<32} {version or f'missing (optional), for {use}: pip install {package}'}")
     try:
         driver = driver_info()
+        kind = "software, on the CPU" if driver.is_software else "hardware"
+        print(f"{'OpenGL driver':<32} {driver.renderer} ({kind})")
+        print(f"{'OpenGL version':<32} {driver.version}")
     except RenderError as error:
-        print(f"OpenGL                           MISSING: {error}")
+        print(f"{'OpenGL':<32} missing: {error}")
+    try:
+        backend = choose_backend()
+    except RenderError:
+        print("nothing to render with: install OpenGL or Numba, as said above")
         return 1
-    kind = "software, on the CPU" if driver.is_software else "hardware"
-    print(f"{'OpenGL driver':<32} {driver.renderer} ({kind})")
-    print(f"{'OpenGL version':<32} {driver.version}")
+    print(f"{'backend':<32} {backend}")
     print("all is well: gscpe demo shows it at work")
     return 0
 

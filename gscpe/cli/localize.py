@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 
 from gscpe.batch import check_outputs, localize_list, read_details, result_details, write_poses
-from gscpe.cli.common import CAMERA_HELP, Commands, print_json, show_progress
+from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, print_json, show_progress
 from gscpe.errors import QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localizer import Localizer
-from gscpe.scene import open_map, read_image
+from gscpe.scene import Map, open_map, read_image
 from gscpe.scene.query_list import read_query_list
 
 
@@ -32,6 +32,7 @@ def add_parser(commands: Commands) -> None:
         help="a line a query with all that is known (default: beside the output)",
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    add_backend(parser)
     parser.set_defaults(run=run, parser=parser)
 
 
@@ -52,7 +53,7 @@ def _localize_photo(options: argparse.Namespace) -> int:
     camera = Camera.parse(options.camera)
     image = read_image(options.photo)
     camera.check_fits(image.shape, options.photo)
-    with Localizer(open_map(options.map)) as localizer:
+    with _localizer(options, open_map(options.map)) as localizer:
         result = localizer.localize(image, camera)
     details = result_details(options.photo, result)
     if options.json:
@@ -64,6 +65,10 @@ def _localize_photo(options: argparse.Namespace) -> int:
     return 0 if result.localized else 1
 
 
+def _localizer(options: argparse.Namespace, map_: Map) -> Localizer:
+    return Localizer(map_, backend=options.backend, progress=show_progress())
+
+
 def _localize_queries(options: argparse.Namespace) -> int:
     queries = read_query_list(options.queries)
     if not Path(options.images).is_dir():
@@ -73,7 +78,7 @@ def _localize_queries(options: argparse.Namespace) -> int:
     check_outputs([output, details_path, options.coarse_output])
     map_ = open_map(options.map)
     try:
-        with Localizer(map_) as localizer:
+        with _localizer(options, map_) as localizer:
             localize_list(
                 localizer,
                 queries,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gscpe.cli.common import CAMERA_HELP, Commands
+from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, show_progress
 from gscpe.errors import OutputError
 from gscpe.evaluation.pictures import depth_picture
 from gscpe.geometry.camera import Camera
@@ -29,13 +29,15 @@ def add_parser(commands: Commands) -> None:
         metavar="FOLDER",
         help="gets rgb.png, depth.npy (map units), depth.png (coloured), opacity.png",
     )
+    add_backend(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     cam_from_world, camera = parse_pose(options.pose), Camera.parse(options.camera)
     folder = Path(options.output)
-    with Renderer(open_map(options.map).scene) as renderer:
+    scene = open_map(options.map).scene
+    with Renderer(scene, options.backend, show_progress()) as renderer:
         view = renderer.render(camera, cam_from_world)
     write_image(folder / "rgb.png", view.rgb)
     write_image(folder / "opacity.png", view.opacity)

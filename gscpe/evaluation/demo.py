@@ -15,8 +15,8 @@ from gscpe.evaluation.motorcycle import Motorcycle, load_motorcycle
 from gscpe.evaluation.pictures import difference_picture, montage
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.localizer import LocalizationResult, Localizer
-from gscpe.mapping import map_from_rgbd
-from gscpe.render import DriverInfo, driver_info
+from gscpe.mapping import RgbdMapSettings, map_from_rgbd
+from gscpe.render import choose_backend
 from gscpe.scene import to_uint8, write_image
 
 
@@ -25,7 +25,7 @@ class DemoReport:
     """What the demonstration found.
 
     Attributes:
-        driver: that rendered.
+        renderer: what rendered.
         gaussians: in the map that was built.
         true_cam_from_world: (4, 4).
         result: of localizing the right photo.
@@ -34,7 +34,7 @@ class DemoReport:
         pictures: what was written, by name.
     """
 
-    driver: DriverInfo
+    renderer: str
     gaussians: int
     true_cam_from_world: Float64Array
     result: LocalizationResult
@@ -44,7 +44,7 @@ class DemoReport:
     pictures: dict[str, Path]
 
 
-def run_demo(output: str | Path, progress: bool = False) -> DemoReport:
+def run_demo(output: str | Path, backend: str = "auto", progress: bool = False) -> DemoReport:
     """Maps the left Motorcycle photo with its true depth, localizes the right one in the map
     from the left one's pose, and writes pictures.
 
@@ -55,20 +55,25 @@ def run_demo(output: str | Path, progress: bool = False) -> DemoReport:
     """
     with tqdm(total=4, disable=not progress, bar_format="{desc:<28}{bar}{elapsed}") as bar:
         bar.set_description_str("loading the photos")
-        driver = driver_info()
+        backend = choose_backend(backend)
         pair = load_motorcycle()
         bar.update()
 
         bar.set_description_str("building the map")
         begin = time.perf_counter()
         map_ = map_from_rgbd(
-            pair.left, pair.left_depth, pair.left_camera, np.eye(4), "motorcycle-left"
+            pair.left,
+            pair.left_depth,
+            pair.left_camera,
+            np.eye(4),
+            "motorcycle-left",
+            RgbdMapSettings(backend=backend),
         )
         seconds = {"build map": time.perf_counter() - begin}
         bar.update()
 
         bar.set_description_str("localizing the right photo")
-        with Localizer(map_) as localizer:
+        with Localizer(map_, backend=backend) as localizer:
             result = localizer.localize(pair.right, pair.right_camera)
             coarse, refined = result.coarse, result.refined
             if not result.localized or coarse is None or refined is None:
@@ -82,7 +87,7 @@ def run_demo(output: str | Path, progress: bool = False) -> DemoReport:
         bar.set_description_str("done")
     truth = pair.right_from_left
     return DemoReport(
-        driver=driver,
+        renderer=localizer.renderer_description,
         gaussians=len(map_.scene),
         true_cam_from_world=truth,
         result=result,

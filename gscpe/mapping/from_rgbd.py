@@ -21,7 +21,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import check_transform, inverse
 from gscpe.mapping.from_splat import describe_references
-from gscpe.render import Renderer
+from gscpe.render import Renderer, choose_backend
 from gscpe.retrieval import VladSettings
 from gscpe.scene import GaussianScene, Map, References
 from gscpe.scene.gaussians import SH_C0
@@ -40,6 +40,7 @@ class RgbdMapSettings:
         colour_steps: Jacobi steps ``colour += colour_rate * (photo - render)``.
         colour_rate: see there.
         retrieval: the global descriptor of the photo.
+        backend: what renders while the colours are fitted; see gscpe.render.Renderer.
     """
 
     surfel_sigma: float = 0.3
@@ -49,6 +50,7 @@ class RgbdMapSettings:
     colour_steps: int = 8
     colour_rate: float = 0.7
     retrieval: VladSettings = field(default_factory=VladSettings)
+    backend: str = "auto"
 
     def __post_init__(self) -> None:
         if self.surfel_sigma <= 0 or self.thickness <= 0 or not 0 < self.opacity < 1:
@@ -163,8 +165,9 @@ def _fit_colours(
     settings: RgbdMapSettings,
 ) -> GaussianScene:
     target = rgb.astype(np.float32) / 255.0
+    backend = choose_backend(settings.backend)
     for _ in range(settings.colour_steps):
-        with Renderer(scene) as renderer:
+        with Renderer(scene, backend) as renderer:
             rendered = renderer.render(camera, cam_from_world).rgb
         step = (settings.colour_rate / SH_C0) * (target - rendered)[chosen]
         scene = replace(scene, sh=scene.sh + step[:, None, :].astype(np.float32))

@@ -1,7 +1,8 @@
-"""Off-screen OpenGL rendering of splats. No GL object leaves this room."""
+"""Rendering of splats, with OpenGL off-screen or on the CPU. No GL object leaves this room."""
 
 from gscpe.render.context import DriverInfo, driver_info
+from gscpe.render.rasterizer import choose_backend
 from gscpe.render.renderer import Renderer
 from gscpe.render.view import RenderedView
 
-__all__ = ["DriverInfo", "RenderedView", "Renderer", "driver_info"]
+__all__ = ["DriverInfo", "RenderedView", "Renderer", "choose_backend", "driver_info"]
