@@ -168,9 +168,11 @@ def project(  # noqa: PLR0915 - one formula after the other; a call each would c
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
-def find_spans(begin, end, order, records, offsets, width, height, ordered, spans):
+def find_spans(chunk, begin, end, order, records, offsets, width, ordered, spans, counts):
     """Puts records of order[begin:end] in that order, and finds the tiles each ellipse
     touches: a first and a last column for each of its rows of tiles; none if last < first.
+
+    counts[chunk] gets the number of ellipses of this chunk that touch each tile.
     """
     columns = (width + TILE - 1) // TILE
     half = _F(0.5)
@@ -206,32 +208,21 @@ def find_spans(begin, end, order, records, offsets, width, height, ordered, span
             if first_pixel > last_pixel:
                 continue
             spans[k, 0] = first_pixel // TILE
-            spans[k, 1] = min(last_pixel // TILE, columns - 1)
+            spans[k, 1] = last_pixel // TILE
+            for column in range(spans[k, 0], spans[k, 1] + 1):
+                counts[chunk, (row - 1) * columns + column] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def count_entries(share, shares, ordered, offsets, spans, columns, counts):
-    """Adds to counts how many ellipses touch each tile, for every shares-th row of tiles."""
-    for i in range(len(offsets) - 1):
+def fill_entries(chunk, begin, end, ordered, offsets, spans, columns, cursors, entries):
+    """Writes ellipses begin to end into the tiles they touch, where the chunk's cursors point."""
+    for i in range(begin, end):
         row = int(max(ordered[i, _V] - ordered[i, _REACH], _F(0.0))) // TILE
         for k in range(offsets[i], offsets[i + 1]):
-            if row % shares == share:
-                for column in range(spans[k, 0], spans[k, 1] + 1):
-                    counts[row * columns + column] += 1
-            row += 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def fill_entries(share, shares, ordered, offsets, spans, columns, cursors, entries):
-    """Writes the ellipses of each tile, in depth order, where cursors point."""
-    for i in range(len(offsets) - 1):
-        row = int(max(ordered[i, _V] - ordered[i, _REACH], _F(0.0))) // TILE
-        for k in range(offsets[i], offsets[i + 1]):
-            if row % shares == share:
-                for column in range(spans[k, 0], spans[k, 1] + 1):
-                    tile = row * columns + column
-                    entries[cursors[tile]] = i
-                    cursors[tile] += 1
+            for column in range(spans[k, 0], spans[k, 1] + 1):
+                tile = row * columns + column
+                entries[cursors[chunk, tile]] = i
+                cursors[chunk, tile] += 1
             row += 1
 
 

@@ -31,7 +31,8 @@ from gscpe.scene.gaussians import GaussianScene
 _log = logging.getLogger(__name__)
 
 _CHUNK = 8192
-_KERNELS = 5
+_MOST_CHUNKS = 64
+_KERNELS = 4
 
 
 def is_available() -> bool:
@@ -116,36 +117,29 @@ class CpuRasterizer:
         kernels, width, height = self._kernels, camera.width, camera.height
         offsets = np.zeros(len(order) + 1, dtype=np.int64)
         np.cumsum(tile_rows[order], out=offsets[1:])
+        columns, rows = -(-width // kernels.TILE), -(-height // kernels.TILE)
         ordered = np.empty((len(order), kernels.RECORD), dtype=np.float32)
         spans = np.empty((int(offsets[-1]), 2), dtype=np.int16)
+        size = max(_CHUNK, len(order) // _MOST_CHUNKS)  # each chunk counts for every tile
+        chunks = [(i, *chunk) for i, chunk in enumerate(_chunks(len(order), size))]
+        counts = np.zeros((len(chunks), columns * rows), dtype=np.int32)
         self._run(
             kernels.find_spans,
-            _chunks(len(order), _CHUNK),
+            chunks,
             order,
             records,
             offsets,
             width,
-            height,
             ordered,
             spans,
+            counts,
         )
-        columns, rows = -(-width // kernels.TILE), -(-height // kernels.TILE)
-        shares = [(share, self._threads) for share in range(self._threads)]
-        counts = np.zeros(columns * rows, dtype=np.int64)
-        self._run(kernels.count_entries, shares, ordered, offsets, spans, columns, counts)
-        starts = np.zeros(len(counts) + 1, dtype=np.int64)
-        np.cumsum(counts, out=starts[1:])
+        # Entries are sorted by tile, then by chunk, then by depth within the chunk.
+        starts = np.zeros(columns * rows + 1, dtype=np.int64)
+        np.cumsum(counts.sum(axis=0), out=starts[1:])
+        cursors = starts[:-1] + np.cumsum(counts, axis=0) - counts
         entries = np.empty(int(starts[-1]), dtype=np.int32)
-        self._run(
-            kernels.fill_entries,
-            shares,
-            ordered,
-            offsets,
-            spans,
-            columns,
-            starts[:-1].copy(),
-            entries,
-        )
+        self._run(kernels.fill_entries, chunks, ordered, offsets, spans, columns, cursors, entries)
         view = RenderedView(
             rgb=np.empty((height, width, 3), dtype=np.float32),
             opacity=np.empty((height, width), dtype=np.float32),
@@ -170,9 +164,9 @@ class CpuRasterizer:
         return view
 
     def _run(
-        self, kernel: Callable[..., None], parts: Iterable[tuple[int, int]], *arguments: Any
+        self, kernel: Callable[..., None], parts: Iterable[tuple[int, ...]], *arguments: Any
     ) -> None:
-        """Runs a kernel on all parts; its first two arguments say which part."""
+        """Runs a kernel on all parts; its first arguments say which part."""
         if self._threads == 1 or self._after_kernel is not None:
             for part in parts:
                 kernel(*part, *arguments)
