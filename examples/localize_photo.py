@@ -4,6 +4,8 @@ import sys
 
 import gscpe
 
+if len(sys.argv) != 7:
+    sys.exit(__doc__)
 map_folder, photo_path, *intrinsics = sys.argv[1:]
 image = gscpe.read_image(photo_path)  # (H, W, 3) uint8 RGB
 fx, fy, cx, cy = (float(word) for word in intrinsics)

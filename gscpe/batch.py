@@ -1,7 +1,8 @@
 """Localizes a list of photos; what is finished is on disk, so that it can be resumed.
 
 A photo that cannot be read fails alone. The details file is the record of what is
-finished: one JSON object a line (docs/formats.md). The pose files are written from it.
+finished: one JSON object a line (docs/formats.md). The pose files are written from it, and
+resuming reads it: photos that failed, or whose camera has changed, are done again.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from gscpe.scene.pose_file import format_pose
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)
+
+_FIELDS = {"name", "camera", "status", "reason", "cam_from_world", "coarse", "refined"}
 
 
 def localize_list(
@@ -48,13 +51,18 @@ def localize_list(
         RenderError: OpenGL failed.
     """
     details_path = Path(details_path)
-    finished = read_details(details_path) if resume else {}
-    names = {query.name for query in queries}
-    finished = {name: detail for name, detail in finished.items() if name in names}
+    before = read_details(details_path) if resume else {}
+    finished = {
+        query.name: before[query.name]
+        for query in queries
+        if query.name in before and _still_holds(before[query.name], query)
+    }
     try:
         details_path.parent.mkdir(parents=True, exist_ok=True)
         if not resume and details_path.is_file() and details_path.stat().st_size:
-            details_path.replace(details_path.with_name(details_path.name + ".bak"))
+            backup = details_path.with_name(details_path.name + ".bak")
+            details_path.replace(backup)
+            _log.warning("what was finished before is kept in %s", backup)
         # Rewritten, so that a line cut off by the interruption does not stay.
         details_path.write_text("".join(json.dumps(d) + "\n" for d in finished.values()))
         with (
@@ -88,15 +96,24 @@ def read_details(path: str | Path) -> dict[str, dict[str, Any]]:
     for line in lines:
         try:
             detail = json.loads(line)
+            complete = detail.keys() >= _FIELDS
+        except (ValueError, AttributeError):
+            complete = False
+        if complete:
             details[str(detail["name"])] = detail
-        except (ValueError, KeyError, TypeError):
+        else:
             _log.warning("%s: an incomplete line is left out", path)
     return details
 
 
-def check_outputs(paths: Sequence[str | Path | None]) -> None:
-    """Raises OutputError, before any long work, when one of the files cannot be written."""
+def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Path] = ()) -> None:
+    """Raises OutputError, before any long work, when one of the files cannot be written, is
+    one of the inputs, or comes twice."""
+    taken = {Path(path).resolve() for path in inputs}
     for path in (Path(path) for path in paths if path is not None):
+        if path.resolve() in taken:
+            raise OutputError(f"{path} is given twice; each input and output needs its own file")
+        taken.add(path.resolve())
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("a"):
@@ -127,11 +144,12 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error
 
 
-def result_details(name: str, result: LocalizationResult) -> dict[str, Any]:
+def result_details(query: Query, result: LocalizationResult) -> dict[str, Any]:
     """A result as plain data for JSON (docs/formats.md says what each field is)."""
     coarse, refined = result.coarse, result.refined
     return {
-        "name": name,
+        "name": query.name,
+        "camera": query.camera.colmap_text(),
         "status": "localized" if result.localized else "not localized",
         "reason": result.reason,
         "cam_from_world": _pose(result.cam_from_world),
@@ -165,11 +183,12 @@ def result_details(name: str, result: LocalizationResult) -> dict[str, Any]:
 def _localize_one(localizer: Localizer, query: Query, image_folder: Path) -> dict[str, Any]:
     try:
         image = read_image(image_folder / query.name)
-        return result_details(query.name, localizer.localize(image, query.camera))
+        return result_details(query, localizer.localize(image, query.camera))
     except InputError as error:
         return {
             "name": query.name,
-            "status": "not localized",
+            "camera": query.camera.colmap_text(),
+            "status": "failed",
             "reason": str(error),
             "cam_from_world": None,
             "reference": None,
@@ -178,6 +197,10 @@ def _localize_one(localizer: Localizer, query: Query, image_folder: Path) -> dic
             "covariance": None,
             "seconds": {},
         }
+
+
+def _still_holds(detail: Mapping[str, Any], query: Query) -> bool:
+    return bool(detail["status"] != "failed" and detail["camera"] == query.camera.colmap_text())
 
 
 def _pose(cam_from_world: Float64Array | None) -> str | None:

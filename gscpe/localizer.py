@@ -25,7 +25,14 @@ from gscpe.retrieval import (
     search,
 )
 from gscpe.scene import Map, Photo, to_photo
+from gscpe.scene.photo import resized_photo
 from gscpe.verification import VerificationSettings, doubt_about_coarse, doubt_about_refined
+
+_SAME_RESOLUTION = 1.15
+"""Focal lengths in pixels within this factor need no resampling of the photo."""
+
+_MOST_ENLARGED = 2.0
+"""A photo with fewer pixels is enlarged at most this much: there is nothing more in it."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,7 @@ class Localizer:
             RenderError: OpenGL failed.
         """
         clock = _Clock()
-        photo = to_photo(image, camera)
+        photo = self._at_the_maps_resolution(to_photo(image, camera))
         with clock.stage("retrieval"):
             retrieved = self._retrieve(photo)
         best: tuple[RetrievedReference, CoarseResult] | None = None
@@ -162,6 +169,18 @@ class Localizer:
     def renderer_description(self) -> str:
         """What renders: the OpenGL driver, or the CPU rasterizer and its threads."""
         return self._renderer.description
+
+    def _at_the_maps_resolution(self, photo: Photo) -> Photo:
+        """A splat looks right at the resolution of the photos that it was made of: nearer by,
+        its Gaussians come apart; from afar, they cover each other. Angles a pixel count."""
+        references = self.map.references.cameras
+        if not references:
+            return photo
+        theirs = float(np.median([camera.fx for camera in references]))
+        scale = min(theirs / photo.camera.fx, _MOST_ENLARGED)
+        if 1.0 / _SAME_RESOLUTION <= scale <= _SAME_RESOLUTION:
+            return photo
+        return resized_photo(photo, scale)
 
     def _retrieve(self, photo: Photo) -> tuple[RetrievedReference, ...]:
         known = self.map.descriptors

@@ -56,7 +56,7 @@ def test_the_unit_is_kept(metres_per_unit: float | None, map_: Map, tmp_path: Pa
 
 @pytest.mark.parametrize("metres_per_unit", [0.0, -1.0, np.nan, np.inf])
 def test_impossible_units(metres_per_unit: float, map_: Map) -> None:
-    with pytest.raises(MapError, match="metres_per_unit must be positive"):
+    with pytest.raises(MapError, match="metres per unit must be positive"):
         replace(map_, metres_per_unit=metres_per_unit)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from gscpe.cli.common import Commands, show_progress
-from gscpe.mapping import MapSettings, build_map
+from gscpe.cli.common import Commands, add_backend, show_progress
+from gscpe.mapping import MapSettings, build_map, check_frames
 from gscpe.scene import read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
@@ -31,16 +31,24 @@ def add_parser(commands: Commands) -> None:
         action="store_true",
         help="the splat is not metric: tolerances in metres are scaled to the scene's depth",
     )
+    parser.add_argument(
+        "--no-check",
+        action="store_true",
+        help="do not compare renders with photos to see that splat and model fit together",
+    )
+    add_backend(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    check_map_output(options.output)
-    references = read_colmap_references(options.colmap, options.images)
-    scene = read_splat(options.splat)
     settings = MapSettings(
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit
     )
+    check_map_output(options.output)
+    references = read_colmap_references(options.colmap, options.images)
+    scene = read_splat(options.splat)
+    if not options.no_check:
+        check_frames(scene, references, options.images, options.backend, show_progress())
     map_ = build_map(scene, references, options.images, settings, progress=show_progress())
     save_map(map_, options.output)
     print(f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos")

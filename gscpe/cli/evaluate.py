@@ -11,7 +11,7 @@ from gscpe.scene.pose_file import read_poses
 
 
 def add_parser(commands: Commands) -> None:
-    parser = commands.add_parser("evaluate", help="compare poses with the truth")
+    parser = commands.add_parser("evaluate", help="compare poses, in metres, with the truth")
     parser.add_argument("poses", help="estimates: name qw qx qy qz tx ty tz")
     parser.add_argument("truth", help="the same for all queries; a ninth number is ignored")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -36,8 +36,9 @@ def run(options: argparse.Namespace) -> int:
         )
         return 0
     print(f"localized        {result.localized} of {result.queries}")
-    print(f"median position  {100.0 * result.median_distance:.3f} cm")
-    print(f"median rotation  {result.median_degrees:.3f} deg")
+    if result.localized:
+        print(f"median position  {100.0 * result.median_distance:.3f} cm")
+        print(f"median rotation  {result.median_degrees:.3f} deg")
     for (metres, degrees), share in zip(THRESHOLDS, result.shares, strict=True):
         limit = f"{100 * metres:.0f} cm / {degrees:.0f} deg"
         print(f"within {limit:<15} {100.0 * share:5.1f} %")

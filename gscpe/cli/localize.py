@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any, Mapping, Sequence
 
 from gscpe.batch import check_outputs, localize_list, read_details, result_details, write_poses
 from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, print_json, show_progress
-from gscpe.errors import QueryListError
+from gscpe.errors import OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localizer import Localizer
 from gscpe.scene import Map, open_map, read_image
-from gscpe.scene.query_list import read_query_list
+from gscpe.scene.query_list import Query, read_query_list
 
 
 def add_parser(commands: Commands) -> None:
@@ -40,6 +41,11 @@ def run(options: argparse.Namespace) -> int:
     parser: argparse.ArgumentParser = options.parser
     if (options.photo is None) == (options.queries is None):
         parser.error("give either one photo, or --queries with --images and --output")
+    one, many = {"camera", "json"}, {"images", "output", "coarse_output", "details", "resume"}
+    alien = sorted(name for name in (one if options.queries else many) if getattr(options, name))
+    if alien:
+        option = "--" + alien[0].replace("_", "-")
+        parser.error(f"{option} does not go with {'--queries' if options.queries else 'a photo'}")
     if options.photo is not None:
         if options.camera is None:
             parser.error("a photo needs its --camera")
@@ -50,18 +56,18 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _localize_photo(options: argparse.Namespace) -> int:
-    camera = Camera.parse(options.camera)
-    image = read_image(options.photo)
-    camera.check_fits(image.shape, options.photo)
+    query = Query(options.photo, Camera.parse(options.camera))
+    image = read_image(query.name)
+    query.camera.check_fits(image.shape, query.name)
     with _localizer(options, open_map(options.map)) as localizer:
-        result = localizer.localize(image, camera)
-    details = result_details(options.photo, result)
+        result = localizer.localize(image, query.camera)
+    details = result_details(query, result)
     if options.json:
         print_json(details)
     elif result.localized:
-        print(f"{options.photo} {details['cam_from_world']}")
+        print(details["cam_from_world"])
     else:
-        print(f"{options.photo}: not localized: {result.reason}", file=sys.stderr)
+        print(f"{query.name}: not localized: {result.reason}", file=sys.stderr)
     return 0 if result.localized else 1
 
 
@@ -74,8 +80,10 @@ def _localize_queries(options: argparse.Namespace) -> int:
     if not Path(options.images).is_dir():
         raise QueryListError(f"--images {options.images} is not a folder")
     output = Path(options.output)
+    if not output.name:
+        raise OutputError(f"--output {output} is a folder; give a file for the poses")
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
-    check_outputs([output, details_path, options.coarse_output])
+    check_outputs([output, details_path, options.coarse_output], inputs=[options.queries])
     map_ = open_map(options.map)
     try:
         with _localizer(options, map_) as localizer:
@@ -99,6 +107,16 @@ def _localize_queries(options: argparse.Namespace) -> int:
                 "the same command with --resume goes on from there",
                 file=sys.stderr,
             )
+    return _summarize(details, output, details_path)
+
+
+def _summarize(details: Sequence[Mapping[str, Any]], output: Path, details_path: Path) -> int:
     localized = sum(detail["status"] == "localized" for detail in details)
-    print(f"{localized} of {len(queries)} photos localized: {output}; details: {details_path}")
-    return 0
+    print(f"{localized} of {len(details)} photos localized: {output}; details: {details_path}")
+    failed = [detail for detail in details if detail["status"] == "failed"]
+    if failed:
+        print(
+            f"{len(failed)} photos could not be used, the first: {failed[0]['reason']}",
+            file=sys.stderr,
+        )
+    return 0 if localized else 1

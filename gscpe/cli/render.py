@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -46,5 +47,10 @@ def run(options: argparse.Namespace) -> int:
         np.save(folder / "depth.npy", view.depth)
     except OSError as error:
         raise OutputError(f"{folder / 'depth.npy'} cannot be written: {error.strerror}") from error
+    if not np.any(view.opacity > 0.5):
+        print(
+            "the map is not visible from there; is the pose world to camera, as COLMAP's?",
+            file=sys.stderr,
+        )
     print(f"{folder}: rgb.png, depth.npy, depth.png, opacity.png")
     return 0

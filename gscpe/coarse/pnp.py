@@ -140,14 +140,18 @@ def refine_absolute_pose(
         jacobian = pose_jacobian(camera, points_in_cam[near])
         hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
         gradient = np.einsum("nri,n,nr->i", jacobian, weights, residuals[near])
-        try:
-            step = np.linalg.solve(hessian, gradient)
-        except np.linalg.LinAlgError:
-            return cam_from_world
+        step = _solve_observed(hessian, gradient)
         cam_from_world = se3.exp(step) @ cam_from_world
         if np.abs(step).max() < 1e-9:
             break
     return cam_from_world
+
+
+def _solve_observed(hessian: Float64Array, gradient: Float64Array) -> Float64Array:
+    """Solves for the step; directions that the points do not determine are not moved."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))
+    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    return np.asarray(inverse @ (gradient / scale) / scale)
 
 
 def _reprojection_errors(

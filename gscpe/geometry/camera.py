@@ -104,7 +104,7 @@ class Camera:
         """
         words = text.replace(",", " ").split()
         try:
-            model, width, height = words[0], int(words[1]), int(words[2])
+            model, width, height = words[0].upper(), int(words[1]), int(words[2])
             parameters = [float(word) for word in words[3:]]
         except (IndexError, ValueError):
             raise CameraError(

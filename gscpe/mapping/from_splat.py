@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gscpe.arrays import UInt8Array
-from gscpe.errors import MapError
+from gscpe.errors import MapError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.retrieval import VladSettings, describe_image, learn_vocabulary, local_descriptors
 from gscpe.scene import GaussianScene, GlobalDescriptors, Map, References, read_image, to_photo
@@ -27,6 +27,10 @@ class MapSettings:
 
     retrieval: VladSettings = field(default_factory=VladSettings)
     metres_per_unit: float | None = 1.0
+
+    def __post_init__(self) -> None:
+        if self.metres_per_unit is not None and not 0 < self.metres_per_unit < np.inf:
+            raise SettingsError(f"metres per unit must be positive, not {self.metres_per_unit}")
 
 
 def build_map(

@@ -21,14 +21,16 @@ from gscpe.refinement.pyramid import (
     AnchorLevel,
     ImageLevel,
     anchor_pyramid,
-    luminance,
     photo_pyramid,
 )
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import RenderedView, Renderer
-from gscpe.scene import Photo
+from gscpe.scene import Photo, luminance
 
 _log = logging.getLogger(__name__)
+
+_SMALLEST_LEVEL = 16
+"""Pixels of the shorter side below which an image is not halved."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class RefinementSettings:
     """Settings of the refinement; the defaults are the paper's where it gives one.
 
     Attributes:
-        levels: S, times the image is halved.
+        levels: S, times the image is halved (fewer where it would become tiny).
         max_anchors: renders that serve as templates, at most.
         min_anchors: ... at least; the later ones see the scene from the refined pose.
         rerender_translation: metres since the anchor beyond which it is rendered anew.
@@ -110,11 +112,13 @@ def refine_pose(
         metres_per_unit: of the map; None where unknown: then lengths in metres, made for
             rooms, are scaled to the rendered depth.
     """
+    smallest_side = min(photo.camera.width, photo.camera.height)
+    most_levels = min(settings.levels, max(0, (smallest_side // _SMALLEST_LEVEL).bit_length() - 1))
     photo_levels = photo_pyramid(
         luminance(photo.rgb),
         _all_valid(photo) if photo.valid is None else photo.valid,
         photo.camera,
-        settings.levels,
+        most_levels,
     )
     cam_from_world = start_cam_from_world
     gain, bias, alignment = 1.0, 0.0, None
@@ -125,7 +129,7 @@ def refine_pose(
         unit = metres_per_unit if metres_per_unit else _unit_from_depth(view)
         mask = visibility_mask(renderer, view, settings.visibility, unit)
         # Later anchors start at the solution: the coarse levels have nothing to add.
-        levels = settings.levels if anchors == 1 else min(1, settings.levels)
+        levels = most_levels if anchors == 1 else min(1, most_levels)
         pyramid = anchor_pyramid(luminance(view.rgb), view.depth, mask, view.camera, levels)
         alignment = _align_levels(pyramid, photo_levels, gain, bias, settings.solver)
         if isinstance(alignment, str):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
@@ -131,11 +132,13 @@ def _thin(indices: IntArray, count: int) -> IntArray:
 
 def _interior(valid: BoolArray) -> BoolArray:
     """Pixels whose gradient was made of valid pixels only."""
-    inside = np.zeros_like(valid)
-    inside[1:-1, 1:-1] = (
-        valid[1:-1, 1:-1] & valid[:-2, 1:-1] & valid[2:, 1:-1] & valid[1:-1, :-2] & valid[1:-1, 2:]
+    eroded = cv2.erode(
+        valid.astype(np.uint8),
+        np.ones((3, 3), dtype=np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
     )
-    return inside
+    return np.asarray(eroded > 0)
 
 
 def _mean_motion(camera: Camera, x: Float32Array, y: Float32Array, z: Float32Array) -> Float64Array:

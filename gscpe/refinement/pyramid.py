@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gscpe.arrays import BoolArray, Float32Array, UInt8Array
+from gscpe.arrays import BoolArray, Float32Array
 from gscpe.geometry.camera import Camera
 
 _T = TypeVar("_T", np.float32, np.bool_)
@@ -28,13 +28,6 @@ class AnchorLevel(ImageLevel):
     """A level of a render, with its z-depth, (H, W) float32."""
 
     depth: Float32Array
-
-
-def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
-    """Rec. 601 luminance of (H, W, 3), (H, W) float32; bytes become [0, 1]."""
-    scale = 1.0 / 255.0 if rgb.dtype == np.uint8 else 1.0
-    weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) * np.float32(scale)
-    return np.asarray(rgb.astype(np.float32) @ weights, dtype=np.float32)
 
 
 def _blocks(image: NDArray[_T]) -> tuple[NDArray[_T], ...]:

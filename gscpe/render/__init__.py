@@ -3,6 +3,14 @@
 from gscpe.render.context import DriverInfo, driver_info
 from gscpe.render.rasterizer import choose_backend
 from gscpe.render.renderer import Renderer
+from gscpe.render.similarity import local_correlation
 from gscpe.render.view import RenderedView
 
-__all__ = ["DriverInfo", "RenderedView", "Renderer", "choose_backend", "driver_info"]
+__all__ = [
+    "DriverInfo",
+    "RenderedView",
+    "Renderer",
+    "choose_backend",
+    "driver_info",
+    "local_correlation",
+]

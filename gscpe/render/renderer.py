@@ -55,7 +55,12 @@ class Renderer:
         if not camera.is_pinhole:
             raise RenderError("rendering needs a pinhole camera; undistort the photo first")
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
-        return self._rasterizer.render(camera, cam_from_world)
+        try:
+            return self._rasterizer.render(camera, cam_from_world)
+        except MemoryError as error:
+            raise RenderError(
+                f"there is not enough memory to render {camera.width}x{camera.height} pixels"
+            ) from error
 
     def close(self) -> None:
         """Gives the memory back; the renderer cannot be used after."""

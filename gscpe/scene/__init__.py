@@ -2,7 +2,7 @@
 
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map_folder import Map, open_map, save_map
-from gscpe.scene.photo import Photo, read_image, to_photo, to_uint8, write_image
+from gscpe.scene.photo import Photo, luminance, read_image, to_photo, to_uint8, write_image
 from gscpe.scene.references import GlobalDescriptors, References
 from gscpe.scene.splat_file import read_splat
 
@@ -12,6 +12,7 @@ __all__ = [
     "Map",
     "Photo",
     "References",
+    "luminance",
     "open_map",
     "read_image",
     "read_splat",

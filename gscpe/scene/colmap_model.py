@@ -32,6 +32,9 @@ def read_colmap_references(model_folder: str | Path, image_folder: str | Path) -
         raise ColmapModelError(f"{model_folder} is not a folder; give the one with cameras.bin")
     if not any((model_folder / f"cameras.{kind}").is_file() for kind in ("bin", "txt")):
         raise ColmapModelError(f"{model_folder} has no cameras.bin or cameras.txt; is it sparse/0?")
+    empty = [path.name for path in model_folder.glob("*.bin") if path.stat().st_size < 8]
+    if empty:  # pycolmap would take minutes and all memory to find out
+        raise ColmapModelError(f"{model_folder / empty[0]} is damaged: it is empty; copy it again")
     try:
         model = pycolmap.Reconstruction(str(model_folder))
     except Exception as error:  # pycolmap raises plain ValueError, RuntimeError, IndexError, ...

@@ -45,7 +45,7 @@ class Map:
 
     def __post_init__(self) -> None:
         if self.metres_per_unit is not None and not 0 < self.metres_per_unit < np.inf:
-            raise MapError(f"metres_per_unit must be positive, not {self.metres_per_unit}")
+            raise MapError(f"metres per unit must be positive, not {self.metres_per_unit}")
         if len(self.references) != len(self.descriptors.descriptors):
             raise MapError("a map needs one global descriptor for each reference photo")
 

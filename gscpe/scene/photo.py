@@ -56,6 +56,33 @@ def to_uint8(image: Float32Array) -> UInt8Array:
     return np.asarray(np.rint(np.clip(image, 0.0, 1.0) * 255.0), dtype=np.uint8)
 
 
+def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
+    """Rec. 601 luminance of (H, W, 3), (H, W) float32; bytes become [0, 1]."""
+    scale = 1.0 / 255.0 if rgb.dtype == np.uint8 else 1.0
+    weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) * np.float32(scale)
+    return np.asarray(rgb.astype(np.float32) @ weights, dtype=np.float32)
+
+
+def resized_photo(photo: Photo, scale: float) -> Photo:
+    """The photo at about ``scale`` times its size, its camera scaled by what it really was."""
+    height, width = photo.rgb.shape[:2]
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    # Like the undistortion: OpenCV's cubic kernel moves edges by a fraction of a pixel.
+    kernel = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LANCZOS4
+    rgb = np.asarray(cv2.resize(photo.rgb, size, interpolation=kernel), dtype=np.uint8)
+    valid = None
+    if photo.valid is not None:
+        share = cv2.resize(photo.valid.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        valid = np.asarray(share > 0.99)
+    return Photo(rgb, photo.camera.resized(*size), valid)
+
+
+def shrink(image: Float32Array, width: int, height: int) -> Float32Array:
+    """An image, (H, W) or (H, W, 3), at a smaller size; each pixel averages those it covers."""
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.float32)
+
+
 def write_image(path: str | Path, rgb: UInt8Array | Float32Array) -> None:
     """Writes (H, W, 3) or (H, W) as uint8, or as float in [0, 1]; the ending names the format.
 

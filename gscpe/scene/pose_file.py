@@ -59,7 +59,7 @@ def read_poses(path: str | Path) -> dict[str, Float64Array]:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     try:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise PoseError(f"pose file {path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -26,7 +26,7 @@ def read_query_list(path: str | Path) -> tuple[Query, ...]:
     """
     path = Path(path)
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise QueryListError(f"query list {path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -35,9 +35,9 @@ def read_query_list(path: str | Path) -> tuple[Query, ...]:
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        name, _, camera = line.strip().partition(" ")
+        name, *camera = line.split(maxsplit=1)
         try:
-            query = Query(name, Camera.parse(camera))
+            query = Query(name, Camera.parse(" ".join(camera)))
         except CameraError as error:
             raise QueryListError(f"{path}, line {number}: {error}") from None
         if name in queries:

@@ -84,8 +84,7 @@ def _read_vertices(path: Path) -> NDArray[np.void]:
         raise SplatError(f"{path} claims more Gaussians than fit into memory") from error
     except Exception as error:  # the parser raises whatever a damaged file makes it stumble on
         raise SplatError(
-            f"{path} is not a readable PLY file (damaged or truncated? {error}); "
-            "copy or export it again"
+            f"{path} is not a readable PLY file (damaged or truncated?); copy or export it again"
         ) from error
     if not isinstance(vertices, np.ndarray) or vertices.dtype.names is None:
         raise SplatError(f"{path} is a PLY but not a Gaussian splat; export the trained splat")

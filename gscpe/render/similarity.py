@@ -1,0 +1,51 @@
+"""How alike two images of a scene look, whatever the illumination."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gscpe.arrays import BoolArray, Float32Array
+
+_MIN_STANDARD_DEVIATION = 0.01
+_MIN_PIXELS = 100
+
+
+def local_correlation(
+    first: Float32Array, second: Float32Array, valid: BoolArray, window_sigma: float = 8.0
+) -> float:
+    """Mean local correlation of two luminance images, (H, W), in [-1, 1].
+
+    Both are normalized to local mean 0 and deviation 1 (Gaussian window, pixels) before they
+    are compared, so that gain, bias, vignetting and slow shadows do not count. Places where
+    both are flat have nothing to compare and are left out.
+
+    Returns:
+        The correlation over valid pixels; NaN where too few have anything to compare.
+    """
+    a, a_deviation = _normalize(first, valid, window_sigma)
+    b, b_deviation = _normalize(second, valid, window_sigma)
+    # Textured where either image says so: a flat render of a textured place disagrees.
+    textured = valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
+    if np.count_nonzero(textured) < _MIN_PIXELS:
+        return float("nan")
+    return float(np.mean(a[textured] * b[textured]))
+
+
+def _normalize(
+    image: Float32Array, valid: BoolArray, sigma: float
+) -> tuple[Float32Array, Float32Array]:
+    """The image with local mean 0 and deviation 1 over valid pixels; and the deviation."""
+    weight = valid.astype(np.float32)
+    total = np.maximum(_window(weight, sigma), 1e-3)
+    mean = _window(image * weight, sigma) / total
+    centred = (image - mean) * weight
+    deviation = np.sqrt(_window(centred * centred, sigma) / total)
+    normalized = centred / np.maximum(deviation, _MIN_STANDARD_DEVIATION)
+    return normalized.astype(np.float32), deviation.astype(np.float32)
+
+
+def _window(image: NDArray[np.floating], sigma: float) -> Float32Array:
+    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma)
+    return np.asarray(blurred, dtype=np.float32)

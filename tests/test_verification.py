@@ -1,0 +1,144 @@
+"""Every doubt has its reason, and a sound result has none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from gscpe.coarse import CoarseResult
+from gscpe.geometry import Camera, se3
+from gscpe.refinement import RefinementResult
+from gscpe.verification import (
+    VerificationSettings,
+    doubt_about_coarse,
+    doubt_about_refined,
+    inlier_spread,
+)
+
+CAMERA = Camera.pinhole(640, 480, fx=525, fy=525, cx=320, cy=240)
+SETTINGS = VerificationSettings()
+GRID = np.stack(np.meshgrid([80, 240, 400, 560], [60, 180, 300, 420]), axis=-1).reshape(-1, 2)
+
+COARSE = CoarseResult(
+    cam_from_world=np.eye(4),
+    matches=100,
+    inliers=64,
+    inlier_pixels=np.repeat(GRID, 4, axis=0).astype(np.float64),
+    rms_pixels=0.8,
+    rounds=2,
+    converged=True,
+)
+REFINED = RefinementResult(
+    cam_from_world=se3.exp([0.01, 0.0, 0.0, 0.0, 0.01, 0.0]),
+    covariance=np.eye(6),
+    gain=1.0,
+    bias=0.0,
+    residual=0.02,
+    agreement=0.8,
+    overlap=0.9,
+    pixels=100_000,
+    anchors=2,
+    converged=True,
+)
+
+
+def coarse_doubt(**changes: Any) -> str | None:
+    return doubt_about_coarse(replace(COARSE, **changes), CAMERA, SETTINGS)
+
+
+def refined_doubt(unit: float | None = 1.0, **changes: Any) -> str | None:
+    return doubt_about_refined(COARSE, replace(REFINED, **changes), SETTINGS, unit)
+
+
+def test_no_doubt() -> None:
+    assert coarse_doubt() is None
+    assert refined_doubt() is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"cam_from_world": None, "matches": 7}, "no pose agrees with the 7 matches"),
+        ({"inliers": 19}, "only 19 matches agree with a pose (20 needed)"),
+        ({"matches": 640}, "only 10% of the matches agree (20% needed)"),
+        (
+            {"inlier_pixels": np.tile([[30.0, 40.0], [200.0, 100.0]], (32, 1))},
+            "the matches cover only 12% of the photo (20% needed)",
+        ),
+        ({"inlier_pixels": np.full((64, 2), 5.0)}, "cover only 6% of the photo"),
+    ],
+)
+def test_doubts_about_the_coarse_pose(changes: dict[str, Any], reason: str) -> None:
+    doubt = coarse_doubt(**changes)
+    assert doubt is not None
+    assert reason in doubt
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"cam_from_world": None, "reason": "too little of the map"}, "too little of the map"),
+        ({"cam_from_world": None, "reason": None}, "the refinement failed"),
+        ({"overlap": 0.19}, "only 19% of the photo shows the map"),
+        ({"agreement": 0.29}, "the map does not look like the photo at the estimated pose"),
+        ({"agreement": -0.8}, "correlation -0.80, 0.30 needed"),
+        ({"agreement": float("nan")}, "the map does not look like the photo"),
+        (
+            {"cam_from_world": se3.exp([0.11, 0, 0, 0, 0, 0])},
+            "matches and image alignment contradict each other by 0.110",
+        ),
+        (
+            {"cam_from_world": se3.exp([0, 0, 0, 0, np.radians(3.1), 0])},
+            "contradict each other by 0.000 and 3.10 degrees",
+        ),
+    ],
+)
+def test_doubts_about_the_refined_pose(changes: dict[str, Any], reason: str) -> None:
+    doubt = refined_doubt(**changes)
+    assert doubt is not None
+    assert reason in doubt
+
+
+def test_the_thresholds_themselves_are_enough() -> None:
+    assert coarse_doubt(inliers=20) is None
+    assert coarse_doubt(matches=320) is None
+    assert refined_doubt(agreement=0.3, overlap=0.2) is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "units_moved", "doubted"),
+    [(0.1, 0.9, False), (0.1, 1.1, True), (10.0, 0.009, False), (10.0, 0.011, True)],
+)
+def test_metres_per_unit_scales_the_shift(unit: float, units_moved: float, doubted: bool) -> None:
+    doubt = refined_doubt(unit, cam_from_world=se3.exp([units_moved, 0, 0, 0, 0, 0]))
+    assert (doubt is not None) == doubted
+
+
+def test_where_the_unit_is_not_known_the_shift_is_not_judged() -> None:
+    assert refined_doubt(None, cam_from_world=se3.exp([50.0, 0, 0, 0, 0, 0])) is None
+    assert refined_doubt(None, cam_from_world=se3.exp([0, 0, 0, 0, 0.1, 0])) is not None
+
+
+@given(
+    hnp.arrays(
+        np.float64,
+        st.tuples(st.integers(0, 40), st.just(2)),
+        elements=st.floats(0, 480, exclude_max=True),
+    )
+)
+def test_spread_counts_cells(pixels: NDArray[np.float64]) -> None:
+    cells = {(int(u // 160), int(v // 120)) for u, v in pixels}
+    assert inlier_spread(pixels, CAMERA) == len(cells) / 16.0
+
+
+def test_spread_of_pixels_on_the_border() -> None:
+    """Pixels may lie on the outermost border, or a little outside, and are counted there."""
+    corners = np.array([[0.0, 0.0], [640.0, 480.0], [-0.3, 480.2], [640.4, -0.1]])
+    assert inlier_spread(corners, CAMERA) == 4 / 16.0
