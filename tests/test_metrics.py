@@ -10,7 +10,7 @@ from helpers import random_pose
 from numpy.typing import NDArray
 
 from gscpe.errors import PoseError
-from gscpe.evaluation import THRESHOLDS, evaluate
+from gscpe.evaluation import THRESHOLDS, evaluate, normalized_error_squared
 from gscpe.geometry import se3
 
 Poses = dict[str, NDArray[np.float64]]
@@ -92,3 +92,17 @@ def test_nothing_to_compare(truth: Poses) -> None:
         evaluate(truth, {})
     with pytest.raises(PoseError, match=r"no estimate has a name.*'a\.png' against 'photo-0\.png'"):
         evaluate({"a.png": np.eye(4)}, truth)
+
+
+def test_normalized_errors_average_the_number_of_parameters() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 6)) * 0.01
+    covariance = root @ root.T
+    truth = se3.exp([0.3, -0.2, 1.0, 0.4, 0.1, -0.3])
+    errors = [
+        normalized_error_squared(
+            se3.inverse(se3.exp(root @ rng.normal(size=6))) @ truth, covariance, truth
+        )
+        for _ in range(400)
+    ]
+    assert 5.5 < np.mean(errors) < 6.5

@@ -15,25 +15,26 @@ from typing import Any
 import numpy as np
 
 from gscpe.batch import localize_list, write_poses
-from gscpe.evaluation import THRESHOLDS, evaluate
+from gscpe.evaluation import THRESHOLDS, evaluate, normalized_error_squared
 from gscpe.localizer import Localizer
 from gscpe.mapping import build_map
-from gscpe.render import driver_info
 from gscpe.scene import read_splat
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.pose_file import parse_pose, read_poses
 from gscpe.scene.query_list import read_query_list
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--every", type=int, default=1, help="only every N-th query")
-    parser.add_argument("--output", type=Path, default=Path("redkitchen-results"))
+    parser.add_argument(
+        "--output", type=Path, default=Path("redkitchen-results"), help="default: %(default)s"
+    )
     options = parser.parse_args()
-    if "GSCPE_DATA" not in os.environ:
+    data = Path(os.environ.get("GSCPE_DATA", "")) / "redkitchen"
+    if not data.is_dir():
         print("set GSCPE_DATA to the folder that holds redkitchen/", file=sys.stderr)
         return 2
-    data = Path(os.environ["GSCPE_DATA"]) / "redkitchen"
     references = read_colmap_references(data / "sparse" / "0", data / "references")
     map_ = build_map(read_splat(data / "splat.ply"), references, data / "references", progress=True)
     queries = read_query_list(data / "queries.txt")[:: options.every]
@@ -48,7 +49,8 @@ def main() -> int:
             options.output / "details.jsonl",
             progress=True,
         )
-    print(f"{len(queries)} queries, {driver_info().renderer}, {os.cpu_count()} cores")
+        renderer = localizer.renderer_description
+    print(f"{len(queries)} queries, {renderer}, {os.cpu_count()} cores")
     print()
     limits = " | ".join(f"{100 * m:.0f} cm/{d:.0f}°" for m, d in THRESHOLDS)
     print(f"| | localized | median | {limits} |")
@@ -64,6 +66,12 @@ def main() -> int:
         )
     print()
     print(_seconds(details))
+    errors = [
+        normalized_error_squared(parse_pose(d["cam_from_world"]), d["covariance"], truth[d["name"]])
+        for d in details
+        if d["status"] == "localized"
+    ]
+    print(f"normalized error squared: mean {np.mean(errors):.2f}, median {np.median(errors):.2f}")
     return 0
 
 

@@ -1,5 +1,5 @@
 """Errors against known poses, tables, and data with known answers."""
 
-from gscpe.evaluation.metrics import THRESHOLDS, Evaluation, evaluate
+from gscpe.evaluation.metrics import THRESHOLDS, Evaluation, evaluate, normalized_error_squared
 
-__all__ = ["THRESHOLDS", "Evaluation", "evaluate"]
+__all__ = ["THRESHOLDS", "Evaluation", "evaluate", "normalized_error_squared"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
+from gscpe.geometry import se3
 from gscpe.geometry.pose_error import pose_difference
 
 THRESHOLDS = ((0.10, 5.0), (0.05, 5.0), (0.02, 2.0), (0.01, 1.0))
@@ -34,6 +35,18 @@ class Evaluation:
     median_degrees: float
     shares: tuple[float, ...]
     ignored: int
+
+
+def normalized_error_squared(
+    cam_from_world: Float64Array, covariance: Float64Array, true_cam_from_world: Float64Array
+) -> float:
+    """``xi^T C^-1 xi`` of the error xi, ``exp(xi) @ cam_from_world == true_cam_from_world``.
+
+    Averages 6 over many photos when the covariances, (6, 6), are right (chi squared); more
+    when they promise too much.
+    """
+    xi = se3.log(true_cam_from_world @ se3.inverse(cam_from_world))
+    return float(xi @ np.linalg.solve(covariance, xi))
 
 
 def evaluate(

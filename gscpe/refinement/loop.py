@@ -55,7 +55,7 @@ class RefinementSettings:
     min_anchors: int = 2
     rerender_translation: float = 0.005
     rerender_rotation_degrees: float = 0.5
-    noise_correlation: float = 5000.0
+    noise_correlation: float = 1500.0
     visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
     solver: LucasKanadeSettings = field(default_factory=LucasKanadeSettings)
 
