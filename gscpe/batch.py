@@ -160,6 +160,7 @@ def result_details(query: Query, result: LocalizationResult) -> dict[str, Any]:
             "matches": coarse.matches,
             "inliers": coarse.inliers,
             "rms_pixels": _number(coarse.rms_pixels),
+            "covariance": None if coarse.covariance is None else coarse.covariance.tolist(),
             "rounds": coarse.rounds,
             "converged": coarse.converged,
         },

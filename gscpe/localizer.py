@@ -28,7 +28,7 @@ from gscpe.scene import Map, Photo, to_photo
 from gscpe.scene.photo import resized_photo
 from gscpe.verification import VerificationSettings, doubt_about_coarse, doubt_about_refined
 
-_SAME_RESOLUTION = 1.15
+_SAME_RESOLUTION = 1.03
 """Focal lengths in pixels within this factor need no resampling of the photo."""
 
 _MOST_ENLARGED = 2.0

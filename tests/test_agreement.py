@@ -71,6 +71,11 @@ def test_a_flat_photo_of_a_textured_place_disagrees() -> None:
     assert overlap > 0.9
 
 
+def test_a_flat_render_of_a_textured_place_disagrees() -> None:
+    correlation, _ = agreement(picture(), anchor=np.full((120, 160), 0.4, np.float32))
+    assert abs(correlation) < 0.05
+
+
 def test_two_flat_pictures_have_nothing_to_compare() -> None:
     flat = np.full((120, 160), 0.4, np.float32)
     correlation, overlap = agreement(flat, anchor=flat)

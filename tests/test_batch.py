@@ -123,6 +123,19 @@ def test_an_interruption_keeps_what_is_finished(folder: Path) -> None:
     assert [line["name"] for line in lines_of(folder)] == ["photos/a.png", "photos/b.png"]
 
 
+def test_each_line_is_on_disk_before_the_next_photo(folder: Path) -> None:
+    """So that even a power cut costs one photo."""
+    lengths: list[int] = []
+
+    class Watching(Stub):
+        def localize(self, image: NDArray[np.uint8], camera: Camera) -> LocalizationResult:
+            lengths.append(len(lines_of(folder)))
+            return super().localize(image, camera)
+
+    run(Watching(), folder)
+    assert lengths == [0, 1, 2, 3, 4]
+
+
 def test_resuming_goes_on_from_there(folder: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         run(Stub(interrupt_at=2), folder)

@@ -44,8 +44,8 @@ def raw_disparity() -> NDArray[np.float64]:
 
 
 def test_the_photos_agree_with_the_depth(pair: Motorcycle) -> None:
-    """The right photo, carried to the left by the depth, shows the same; and the half pixel
-    between the conventions is right, as it fits best without a shift."""
+    """The right photo, carried to the left by the depth, shows the same, and fits best without
+    a shift between the two."""
     known = pair.left_depth > 0
     pixels = pixel_centres(pair.left_camera).reshape(-1, 2)
     depth = np.where(known, pair.left_depth, 1.0).astype(np.float64).ravel()
@@ -69,6 +69,9 @@ def test_types_and_sizes(pair: Motorcycle) -> None:
     assert 0.7 < known.mean() < 1.0
     assert np.isfinite(pair.left_depth).all()
     assert 1.5 < pair.left_depth[known].min() < pair.left_depth[known].max() < 6.0
+    # Middlebury's principal points, whose first pixel centre is (0, 0), in COLMAP's convention.
+    assert (pair.left_camera.cx, pair.left_camera.cy) == pytest.approx((311.693, 255.377))
+    assert (pair.right_camera.cx, pair.right_camera.cy) == pytest.approx((342.779, 255.377))
     baseline = pose_difference(pair.right_from_left, np.eye(4))
     assert baseline.distance == pytest.approx(0.193001)
     assert baseline.degrees == 0.0

@@ -113,6 +113,15 @@ def test_it_renders_anew_while_it_moves() -> None:
     assert refine(ROOM_POSE, min_anchors=3).anchors == 3
 
 
+def test_it_renders_anew_by_the_metre() -> None:
+    """3 mm are less than 5 mm, in a map of decimetres and in one of decametres too."""
+    near = se3.exp([0.003, 0, 0, 0, 0, 0]) @ ROOM_POSE
+    far = se3.exp([0.008, 0, 0, 0, 0, 0]) @ ROOM_POSE
+    for scale, unit in ((1.0, 1.0), (10.0, 0.1), (0.1, 10.0)):
+        assert refine(near, scale=scale, unit=unit, min_anchors=1).anchors == 1
+        assert refine(far, scale=scale, unit=unit, min_anchors=1).anchors == 2
+
+
 @pytest.mark.parametrize("levels", [0, 1, 2, 3, 12])
 def test_any_number_of_levels(levels: int) -> None:
     """From 12 cm and 6 degrees off. Twelve times halved there is no photo left: as many

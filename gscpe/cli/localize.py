@@ -84,9 +84,8 @@ def _localize_queries(options: argparse.Namespace) -> int:
         raise OutputError(f"--output {output} is a folder; give a file for the poses")
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
     check_outputs([output, details_path, options.coarse_output], inputs=[options.queries])
-    map_ = open_map(options.map)
-    try:
-        with _localizer(options, map_) as localizer:
+    with _localizer(options, open_map(options.map)) as localizer:
+        try:
             localize_list(
                 localizer,
                 queries,
@@ -95,18 +94,18 @@ def _localize_queries(options: argparse.Namespace) -> int:
                 resume=options.resume,
                 progress=show_progress(),
             )
-    finally:  # also when interrupted: what is finished is written
-        finished = read_details(details_path)
-        details = [finished[query.name] for query in queries if query.name in finished]
-        write_poses(details, output, "refined")
-        if options.coarse_output:
-            write_poses(details, options.coarse_output, "coarse")
-        if len(details) < len(queries):
-            print(
-                f"{len(details)} of {len(queries)} photos are finished; "
-                "the same command with --resume goes on from there",
-                file=sys.stderr,
-            )
+        finally:  # also when interrupted: what is finished is written
+            finished = read_details(details_path)
+            details = [finished[query.name] for query in queries if query.name in finished]
+            write_poses(details, output, "refined")
+            if options.coarse_output:
+                write_poses(details, options.coarse_output, "coarse")
+            if len(details) < len(queries):
+                print(
+                    f"{len(details)} of {len(queries)} photos are finished; "
+                    "the same command with --resume goes on from there",
+                    file=sys.stderr,
+                )
     return _summarize(details, output, details_path)
 
 

@@ -58,6 +58,7 @@ class CoarseResult:
         inlier_pixels: (inliers, 2) where they are in the photo.
         rms_pixels: their reprojection error.
         rounds: renders made.
+        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``; None where there is no pose.
         converged: whether the last round moved the pose less than the tolerances.
     """
 
@@ -66,6 +67,7 @@ class CoarseResult:
     inliers: int
     inlier_pixels: Float64Array
     rms_pixels: float
+    covariance: Float64Array | None
     rounds: int
     converged: bool
 
@@ -130,6 +132,7 @@ def estimate_coarse_pose(
         inliers=0 if best is None else int(best.inliers.sum()),
         inlier_pixels=best_pixels,
         rms_pixels=float("nan") if best is None else best.rms_pixels,
+        covariance=None if best is None else best.covariance,
         rounds=rounds,
         converged=converged,
     )

@@ -26,6 +26,8 @@ class PnPSettings:
         inlier_pixels: largest reprojection error of an inlier.
         confidence: RANSAC stops when it has missed no better pose with this probability.
         noise_pixels: scale of the Cauchy weights of the final least squares.
+        noise_correlation: matches share the errors of the map: this many count as one in
+            the covariance (calibrated, docs/benchmarks.md).
         seed: of the sampling; the same seed gives the same pose.
     """
 
@@ -33,6 +35,7 @@ class PnPSettings:
     inlier_pixels: float = 4.0
     confidence: float = 0.9999
     noise_pixels: float = 1.0
+    noise_correlation: float = 13.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -50,11 +53,13 @@ class AbsolutePose:
         cam_from_world: (4, 4).
         inliers: (N,) bool, matches within the inlier threshold.
         rms_pixels: of the inliers' reprojection errors.
+        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation).
     """
 
     cam_from_world: Float64Array
     inliers: BoolArray
     rms_pixels: float
+    covariance: Float64Array
 
 
 def estimate_absolute_pose(
@@ -91,7 +96,12 @@ def estimate_absolute_pose(
     if inliers.sum() < _MIN_POINTS:
         return None
     errors = _reprojection_errors(points_world[inliers], pixels[inliers], camera, refined)
-    return AbsolutePose(refined, inliers, float(np.sqrt(np.mean(errors**2))))
+    return AbsolutePose(
+        refined,
+        inliers,
+        float(np.sqrt(np.mean(errors**2))),
+        _covariance(points_world[inliers], errors, camera, refined, settings),
+    )
 
 
 def _ransac(
@@ -145,6 +155,22 @@ def refine_absolute_pose(
         if np.abs(step).max() < 1e-9:
             break
     return cam_from_world
+
+
+def _covariance(
+    points_world: Float64Array,
+    errors: Float64Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    settings: PnPSettings,
+) -> Float64Array:
+    """Of the robust least squares over the inliers, scaled by their residual variance."""
+    jacobian = pose_jacobian(camera, transform_points(cam_from_world, points_world))
+    weights = 1.0 / (1.0 + errors**2 / settings.noise_pixels**2)
+    variance = np.sum(weights * errors**2) / (2.0 * np.sum(weights))
+    hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
+    scale = settings.noise_correlation * max(float(variance), 1e-6)
+    return np.asarray(scale * np.linalg.pinv(hessian, hermitian=True))
 
 
 def _solve_observed(hessian: Float64Array, gradient: Float64Array) -> Float64Array:

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gscpe.arrays import Float64Array
-from gscpe.errors import GscpeError
+from gscpe.errors import GscpeError, OutputError
 from gscpe.evaluation.motorcycle import Motorcycle, load_motorcycle
 from gscpe.evaluation.pictures import difference_picture, montage
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
@@ -53,6 +53,10 @@ def run_demo(output: str | Path, backend: str = "auto", progress: bool = False) 
         OutputError: the pictures cannot be written.
         GscpeError: the photo was not localized.
     """
+    try:
+        Path(output).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{output} cannot be written: {error.strerror}") from error
     with tqdm(total=4, disable=not progress, bar_format="{desc:<28}{bar}{elapsed}") as bar:
         bar.set_description_str("loading the photos")
         backend = choose_backend(backend)

@@ -85,6 +85,9 @@ def scene_from_rgbd(
 ) -> GaussianScene:
     """A splat that looks like the photo from where it was taken.
 
+    It has the photo's detail and no more: from half a metre nearer (at 2.4 m) the surfels come
+    apart and photos are not localized, from half a metre farther the pose is 1 to 2 cm off.
+
     Args:
         rgb: (H, W, 3) uint8.
         depth: (H, W) z-depth in map units; 0, NaN or infinite where unknown.
