@@ -49,7 +49,9 @@ class Stub:
         if number == 0:
             return LocalizationResult(False, "too dark", None, None, None, None, None, seconds)
         coarse_pose = se3.exp([0.01, 0, 0, 0, 0, 0]) @ pose_of(number)
-        coarse = CoarseResult(coarse_pose, 50, 40, np.zeros((40, 2)), 0.5, 2, True)
+        coarse = CoarseResult(
+            coarse_pose, 50, 40, np.zeros((40, 2)), 0.5, 1e-6 * np.eye(6), 2, True
+        )
         nan = float("nan")
         refined = RefinementResult(
             pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, True

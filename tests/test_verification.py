@@ -28,6 +28,7 @@ GRID = np.stack(np.meshgrid([80, 240, 400, 560], [60, 180, 300, 420]), axis=-1).
 
 COARSE = CoarseResult(
     cam_from_world=np.eye(4),
+    covariance=1e-6 * np.eye(6),
     matches=100,
     inliers=64,
     inlier_pixels=np.repeat(GRID, 4, axis=0).astype(np.float64),
