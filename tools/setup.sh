@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes .venv with the package and its extras, and installs the system libraries for
 # off-screen OpenGL if they are missing. Idempotent; quick when there is nothing to do.
-# Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, test)
+# Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, formats, test)
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)

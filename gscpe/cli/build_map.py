@@ -13,7 +13,9 @@ from gscpe.scene.map_folder import check_map_output
 
 def add_parser(commands: Commands) -> None:
     parser = commands.add_parser("build-map", help="make a map from a splat and its photos")
-    parser.add_argument("splat", help="trained 3D Gaussian splat (.ply)")
+    parser.add_argument(
+        "splat", help="trained 3D Gaussian splat (.ply; also .spz, .splat, .ksplat, .sog)"
+    )
     parser.add_argument(
         "--colmap", required=True, metavar="MODEL_DIR", help="COLMAP model, in the splat's frame"
     )

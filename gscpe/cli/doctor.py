@@ -15,6 +15,7 @@ from gscpe.render import choose_backend, driver_info
 _REQUIRED = ("moderngl", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
 _OPTIONAL = {
     "numba": "rendering on the CPU, several times faster than OpenGL in software",
+    "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
     "pycolmap": "reading COLMAP models (gscpe build-map)",
 }
 

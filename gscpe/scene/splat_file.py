@@ -1,7 +1,8 @@
-"""Reads the standard 3DGS ``.ply`` (degrees 0 to 3) into a GaussianScene."""
+"""Reads splat files into a GaussianScene: the standard ``.ply``, and what converts to it."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from gscpe.arrays import Float32Array
 from gscpe.errors import SplatError
 from gscpe.scene.gaussians import GaussianScene, normalized_quaternions
+from gscpe.scene.splat_formats import COMPRESSED_PLY, FORMATS, to_ply
 
 _REST_COUNT_TO_COEFFICIENTS = {0: 1, 9: 4, 24: 9, 45: 16}
 # How exporters say, in a header comment, that opacity compensation must be applied.
@@ -18,14 +20,25 @@ _ANTIALIASED_COMMENTS = {"comment splatrendermode: mip", "comment antialiased 1"
 
 
 def read_splat(path: str | Path) -> GaussianScene:
-    """The Gaussians of a 3DGS ``.ply``: log scales, logit opacities, ``f_rest`` colour-major.
+    """The Gaussians of a splat file.
+
+    A ``.ply`` holds log scales, logit opacities and ``f_rest`` colour by colour, degrees 0 to
+    3, binary or text. PlayCanvas's compressed ``.ply``, ``.splat``, ``.ksplat``, ``.spz`` and
+    ``.sog`` are read through gaussforge, their coordinates as they are stored.
 
     Raises:
-        SplatError: the file is missing, truncated, not a PLY, not a splat, empty, or
-            holds NaN or infinite values. The message names the file.
+        SplatError: the file is missing, truncated, not a splat, empty, or holds NaN or
+            infinite values. The message names the file.
+        MissingDependencyError: the format needs gaussforge, and it is not installed.
     """
     path = Path(path)
-    vertices = _read_vertices(path)
+    data = _read_bytes(path)
+    kind = _foreign_kind(path, data)
+    if kind is None:
+        antialiased = _is_antialiased(data)
+    else:
+        data, antialiased = to_ply(path, kind)
+    vertices = _parse_ply(data, path)
     names = vertices.dtype.names or ()
 
     def columns(*wanted: str) -> Float32Array:
@@ -60,26 +73,39 @@ def read_splat(path: str | Path) -> GaussianScene:
                 scales=np.exp(log_scales),
                 opacities=np.asarray(1.0 / (1.0 + np.exp(-opacity_logits)), dtype=np.float32),
                 sh=sh,
-                antialiased=_is_antialiased(path),
+                antialiased=antialiased,
             )
     except SplatError as error:
         raise SplatError(f"{path}: {error}") from None
 
 
-def _read_vertices(path: Path) -> NDArray[np.void]:
-    from trimesh.exchange.ply import load_ply  # half a second, and only needed to build maps
-
+def _read_bytes(path: Path) -> bytes:
     if not path.is_file():
         raise SplatError(f"{path} does not exist or is not a file; give the trained splat (.ply)")
     try:
-        with path.open("rb") as file:
-            loaded = load_ply(file, skip_materials=True)
+        return path.read_bytes()
+    except OSError as error:
+        raise SplatError(f"{path} cannot be read: {error.strerror}") from error
+    except MemoryError as error:
+        raise SplatError(f"{path} does not fit into memory") from error
+
+
+def _foreign_kind(path: Path, data: bytes) -> str | None:
+    """gaussforge's name of the format, or None for a standard .ply."""
+    if path.suffix.lower() in FORMATS:
+        return FORMATS[path.suffix.lower()]
+    return COMPRESSED_PLY if b"element chunk" in _header(data) else None
+
+
+def _parse_ply(data: bytes, path: Path) -> NDArray[np.void]:
+    from trimesh.exchange.ply import load_ply  # half a second, and only needed to build maps
+
+    try:
+        loaded = load_ply(io.BytesIO(data), skip_materials=True)
         element = loaded["metadata"]["_ply_raw"]["vertex"]
         vertices = element["data"] if element["length"] else np.zeros(0, dtype=[("x", np.float32)])
         if isinstance(vertices, dict):  # the text format is parsed into columns
             vertices = _rows(vertices, element["length"])
-    except OSError as error:
-        raise SplatError(f"{path} cannot be read: {error.strerror}") from error
     except MemoryError as error:
         raise SplatError(f"{path} claims more Gaussians than fit into memory") from error
     except Exception as error:  # the parser raises whatever a damaged file makes it stumble on
@@ -101,7 +127,10 @@ def _rows(columns: dict[str, NDArray[Any]], count: int) -> NDArray[np.void]:
     return rows
 
 
-def _is_antialiased(path: Path) -> bool:
-    with path.open("rb") as file:
-        header = file.read(8192).split(b"end_header")[0].decode("ascii", "replace").lower()
-    return any(line.strip() in _ANTIALIASED_COMMENTS for line in header.splitlines())
+def _header(data: bytes) -> bytes:
+    return data[:8192].split(b"end_header")[0]
+
+
+def _is_antialiased(data: bytes) -> bool:
+    lines = _header(data).decode("ascii", "replace").lower().splitlines()
+    return any(line.strip() in _ANTIALIASED_COMMENTS for line in lines)

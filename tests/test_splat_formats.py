@@ -1,0 +1,99 @@
+"""Splats in other formats than .ply: what they keep, and damaged ones."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import random_scene, write_splat
+from numpy.typing import NDArray
+
+from gscpe.errors import MissingDependencyError, SplatError
+from gscpe.scene import GaussianScene, read_splat
+from gscpe.scene.gaussians import SH_C0
+from gscpe.scene.splat_formats import FORMATS
+
+gaussforge = pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
+
+KINDS = [*FORMATS.values(), "compressed.ply"]
+# How far centres (absolute), scales (relative), opacities and colours may be off.
+TOLERANCES = {
+    "splat": (1e-6, 1e-6, 0.004, 0.004),
+    "ksplat": (1e-6, 1e-6, 0.004, 0.004),
+    "spz": (5e-4, 0.04, 0.004, 0.006),
+    "sog": (2e-3, 0.04, 0.004, 0.006),
+    "compressed.ply": (5e-3, 0.01, 0.004, 0.006),
+}
+
+
+def encoded(scene: GaussianScene, kind: str, folder: Path) -> bytes:
+    write_splat(folder / "original.ply", scene)
+    ply = (folder / "original.ply").read_bytes()
+    answer = gaussforge.GaussForge().convert(ply, "ply", kind)
+    return bytes(answer["data"])
+
+
+def base_colour(scene: GaussianScene) -> NDArray[np.float32]:
+    """Without harmonics, in [0, 1]: more is more than some formats can hold."""
+    return np.clip(0.5 + SH_C0 * scene.sh[:, 0], 0.0, 1.0)
+
+
+def write(folder: Path, kind: str, data: bytes) -> Path:
+    path = folder / f"scene.{kind}"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_comes_back(
+    kind: str,
+    degree: int,
+    tmp_path: Path,
+    rng: np.random.Generator,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    scene = random_scene(rng, 300, degree)
+    back = read_splat(write(tmp_path, kind, encoded(scene, kind, tmp_path)))
+    capfd.readouterr()
+    read_splat(tmp_path / f"scene.{kind}")
+    assert capfd.readouterr().out == ""  # what C code prints would spoil --json
+    assert len(back) == len(scene)
+    assert back.sh_degree == (0 if kind == "splat" else degree)
+    # Some formats put the Gaussians into another order: compare each with the nearest.
+    distance = np.linalg.norm(scene.means[:, None] - back.means[None], axis=2)
+    nearest = distance.argmin(axis=1)
+    centre, scale, opacity, colour = TOLERANCES[kind]
+    assert distance.min(axis=1).max() < centre
+    np.testing.assert_allclose(
+        np.sort(back.scales[nearest], axis=1), np.sort(scene.scales, axis=1), rtol=scale
+    )
+    np.testing.assert_allclose(back.opacities[nearest], scene.opacities, atol=opacity)
+    np.testing.assert_allclose(base_colour(back)[nearest], base_colour(scene), atol=colour)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files(kind: str, tmp_path: Path) -> None:
+    """Cut off or changed, a file loads as a valid splat or is refused with its name."""
+    rng = np.random.default_rng(0)
+    data = encoded(random_scene(rng, 50, 1), kind, tmp_path)
+    damaged = [data[: rng.integers(len(data))] for _ in range(10)]
+    for _ in range(10):
+        changed = bytearray(data)
+        changed[rng.integers(min(len(data), 400))] = rng.integers(256)
+        damaged.append(bytes(changed))
+    for case in [b"", b"hello", *damaged]:
+        try:
+            read_splat(write(tmp_path, kind, case))
+        except SplatError as error:
+            assert f"scene.{kind}" in str(error)
+
+
+def test_without_gaussforge_the_remedy_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(MissingDependencyError, match=r"gscpe\[formats\]"):
+        read_splat(write(tmp_path, "spz", b"anything"))
