@@ -12,7 +12,10 @@ from gscpe.cli.common import Commands
 from gscpe.errors import RenderError
 from gscpe.render import choose_backend, driver_info
 
-_REQUIRED = ("moderngl", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
+_REQUIRED = (
+    *("moderngl", "numpy", "scipy", "opencv-contrib-python-headless"),
+    *("scikit-image", "tqdm", "trimesh"),
+)
 _OPTIONAL = {
     "numba": "rendering on the CPU, several times faster than OpenGL in software",
     "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
