@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
 
 
@@ -30,6 +30,25 @@ def unproject(camera: Camera, pixels: Float64Array, depth: Float64Array) -> Floa
     x = (pixels[:, 0] - camera.cx) / camera.fx * depth
     y = (pixels[:, 1] - camera.cy) / camera.fy * depth
     return np.stack([x, y, depth], axis=1)
+
+
+def unproject_image(
+    camera: Camera, depth: Float32Array, indices: IntArray | None = None
+) -> Float32Array:
+    """Points in the camera frame, (3, N) float32, of the pixels of a z-depth image, (H, W).
+
+    Args:
+        camera: of the image.
+        depth: (H, W) float32.
+        indices: (N,) flat indices of pixels; None for all of them, row by row.
+    """
+    if indices is None:
+        indices = np.arange(depth.size)
+    row, column = np.divmod(indices, camera.width)
+    z = depth.ravel()[indices]
+    x = (column.astype(np.float32) + np.float32(0.5 - camera.cx)) / np.float32(camera.fx) * z
+    y = (row.astype(np.float32) + np.float32(0.5 - camera.cy)) / np.float32(camera.fy) * z
+    return np.stack([x, y, z])
 
 
 def pixel_centres(camera: Camera) -> Float64Array:

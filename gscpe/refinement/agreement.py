@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.projection import unproject_image
 from gscpe.refinement.lucas_kanade import warp
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.sampling import sample_bilinear
@@ -20,12 +21,8 @@ def photometric_agreement(
         The correlation, in [-1, 1], NaN where there is nothing to compare; and the share of
         the anchor's pixels, in [0, 1], that are visible in the photo.
     """
-    camera = anchor.camera
-    row, column = np.divmod(np.arange(anchor.image.size), camera.width)
-    z = anchor.depth.ravel()
-    x = (column.astype(np.float32) + np.float32(0.5 - camera.cx)) / np.float32(camera.fx) * z
-    y = (row.astype(np.float32) + np.float32(0.5 - camera.cy)) / np.float32(camera.fy) * z
-    u, v, ahead = warp(np.stack([x, y, z]).astype(np.float32), photo_from_anchor, photo.camera)
+    points = unproject_image(anchor.camera, anchor.depth)
+    u, v, ahead = warp(points, photo_from_anchor, photo.camera)
     values, inside = sample_bilinear(photo.image, photo.valid, u, v)
     common = (inside & ahead).reshape(anchor.image.shape) & anchor.valid
     overlap = float(np.count_nonzero(common)) / common.size

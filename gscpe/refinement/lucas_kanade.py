@@ -21,6 +21,7 @@ from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.projection import unproject_image
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.sampling import gradient, sample_bilinear
 
@@ -104,10 +105,8 @@ def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Templa
         return None
     chosen = _thin(chosen, settings.max_template_pixels)
     camera = anchor.camera
-    row, column = np.divmod(chosen, camera.width)
-    z = anchor.depth.ravel()[chosen]
-    x = (column.astype(np.float32) + np.float32(0.5 - camera.cx)) / np.float32(camera.fx) * z
-    y = (row.astype(np.float32) + np.float32(0.5 - camera.cy)) / np.float32(camera.fy) * z
+    points = unproject_image(camera, anchor.depth, chosen)
+    x, y, z = points
     by_x = gradient_u.ravel()[chosen] * np.float32(camera.fx) / z
     by_y = gradient_v.ravel()[chosen] * np.float32(camera.fy) / z
     by_z = -(by_x * x + by_y * y) / z
@@ -115,7 +114,7 @@ def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Templa
         [by_x, by_y, by_z, by_z * y - by_y * z, by_x * z - by_z * x, by_y * x - by_x * y], axis=1
     )
     return Template(
-        points=np.stack([x, y, z]),
+        points=points,
         intensities=anchor.image.ravel()[chosen],
         jacobian=jacobian.astype(np.float32),
         motion=_mean_motion(camera, x, y, z),

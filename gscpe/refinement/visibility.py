@@ -10,6 +10,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array, Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
+from gscpe.geometry.projection import unproject_image
 from gscpe.render import RenderedView, Renderer
 
 
@@ -70,16 +71,9 @@ def visibility_mask(
         max(1, round(camera.width * settings.view_scale)),
         max(1, round(camera.height * settings.view_scale)),
     )
-    row, column = np.nonzero(mask)
-    z = anchor.depth[row, column].astype(np.float64)
-    points = np.stack(
-        [
-            (column + 0.5 - camera.cx) / camera.fx * z,
-            (row + 0.5 - camera.cy) / camera.fy * z,
-            z,
-        ]
-    )
-    votes, seen = np.zeros(len(z)), np.zeros(len(z))
+    indices = np.flatnonzero(mask)
+    points = unproject_image(camera, anchor.depth, indices)
+    votes, seen = np.zeros(len(indices)), np.zeros(len(indices))
     for view_from_anchor in _perturbations(settings, metres_per_unit):
         view = renderer.render(small, view_from_anchor @ anchor.cam_from_world)
         moved = view_from_anchor[:3, :3] @ points + view_from_anchor[:3, 3, None]
@@ -87,8 +81,8 @@ def visibility_mask(
         tolerance = settings.depth_tolerance / metres_per_unit
         seen += inside
         votes += inside & (moved[2] > nearest - tolerance) & (moved[2] < farthest + tolerance)
-    trusted = (votes >= settings.min_votes * seen) | (seen == 0)
-    mask[row, column] = trusted
+    trusted = votes >= settings.min_votes * seen  # also where no view sees the point
+    mask.ravel()[indices] = trusted
     return mask
 
 
