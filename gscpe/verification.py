@@ -24,6 +24,7 @@ class VerificationSettings:
         min_agreement: local correlation of photo and render.
         min_overlap: share of the photo that shows the map.
         max_shift: metres that refinement may move the coarse pose, and ...
+            (not checked where the map's unit is unknown)
         max_shift_degrees: ... turn it; more means that the two contradict each other.
     """
 

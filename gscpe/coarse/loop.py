@@ -15,7 +15,7 @@ from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.matching import Matcher
-from gscpe.render import RenderedView, Renderer
+from gscpe.render import Renderer
 from gscpe.scene import to_uint8
 
 _log = logging.getLogger(__name__)
@@ -104,28 +104,30 @@ def estimate_coarse_pose(
         matches = matcher.match(prepared_photo, matcher.prepare(to_uint8(view.rgb), seen))
         points_world, liftable = lift(view, matches.render_pixels, settings.min_opacity)
         pixels = matches.photo_pixels[liftable]
-        pose = estimate_absolute_pose(points_world[liftable], pixels, camera, current, settings.pnp)
-        if pose is None:
+        estimate = estimate_absolute_pose(
+            points_world[liftable], pixels, camera, current, settings.pnp
+        )
+        if estimate is None:
             _log.debug("round %d: no pose from %d matches", rounds, len(pixels))
             break
-        if best is None or pose.inliers.sum() >= 0.5 * best.inliers.sum():
+        if best is None or estimate.inliers.sum() >= 0.5 * best.inliers.sum():
             # A later round sees the scene from nearer by: it replaces the earlier unless
             # it lost the place.
-            best, best_matches, best_pixels = pose, len(pixels), pixels[pose.inliers]
-        if pose.inliers.sum() < settings.min_inliers:
+            best, best_matches, best_pixels = estimate, len(pixels), pixels[estimate.inliers]
+        if estimate.inliers.sum() < settings.min_inliers:
             _log.debug("round %d: %d matches agree, no better than chance", rounds, best_matches)
             break
-        moved = pose_difference(pose.cam_from_world, current)
+        moved = pose_difference(estimate.cam_from_world, current)
         _log.debug(
             "round %d: %d of %d matches agree, moved %.4f and %.3f deg",
-            rounds, pose.inliers.sum(), len(pixels), moved.distance, moved.degrees,
+            rounds, estimate.inliers.sum(), len(pixels), moved.distance, moved.degrees,
         )  # fmt: skip
-        unit = metres_per_unit if metres_per_unit else 2.0 / max(_median_depth(view), 1e-9)
+        unit = view.metres_per_unit(metres_per_unit)
         converged = (
             moved.distance * unit < settings.translation_tolerance
             and moved.degrees < settings.rotation_tolerance_degrees
         )
-        current = pose.cam_from_world
+        current = estimate.cam_from_world
     return CoarseResult(
         cam_from_world=None if best is None else best.cam_from_world,
         matches=best_matches,
@@ -136,8 +138,3 @@ def estimate_coarse_pose(
         rounds=rounds,
         converged=converged,
     )
-
-
-def _median_depth(view: RenderedView) -> float:
-    seen = view.depth > 0
-    return float(np.median(view.depth[seen])) if np.any(seen) else 0.0

@@ -87,7 +87,10 @@ def estimate_absolute_pose(
     sampled = _ransac(points_world, pixels, camera, settings)
     if sampled is not None:
         hypotheses.append(sampled)
-    counts = [_inliers(points_world, pixels, camera, pose, settings).sum() for pose in hypotheses]
+    counts = [
+        _inliers(points_world, pixels, camera, cam_from_world, settings).sum()
+        for cam_from_world in hypotheses
+    ]
     if max(counts) < _MIN_POINTS:
         return None
     best = hypotheses[int(np.argmax(counts))]

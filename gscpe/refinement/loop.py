@@ -24,7 +24,7 @@ from gscpe.refinement.pyramid import (
     photo_pyramid,
 )
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
-from gscpe.render import RenderedView, Renderer
+from gscpe.render import Renderer
 from gscpe.scene import Photo, luminance
 
 _log = logging.getLogger(__name__)
@@ -126,7 +126,7 @@ def refine_pose(
     while anchors < settings.max_anchors:
         view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
-        unit = metres_per_unit if metres_per_unit else _unit_from_depth(view)
+        unit = view.metres_per_unit(metres_per_unit)
         mask = visibility_mask(renderer, view, settings.visibility, unit)
         # Later anchors start at the solution: the coarse levels have nothing to add.
         levels = most_levels if anchors == 1 else min(1, most_levels)
@@ -194,11 +194,6 @@ def _align_levels(
 def _covariance(alignment: Alignment, settings: RefinementSettings) -> Float64Array:
     information = alignment.information / settings.noise_correlation
     return np.asarray(np.linalg.pinv(information, hermitian=True))
-
-
-def _unit_from_depth(view: RenderedView) -> float:
-    seen = view.depth > 0
-    return 2.0 / float(np.median(view.depth[seen])) if np.any(seen) else 1.0
 
 
 def _all_valid(photo: Photo) -> BoolArray:

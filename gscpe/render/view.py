@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gscpe.arrays import Float32Array, Float64Array
 from gscpe.geometry.camera import Camera
+
+_TYPICAL_DEPTH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,3 +31,11 @@ class RenderedView:
     depth_variance: Float32Array
     camera: Camera
     cam_from_world: Float64Array
+
+    def metres_per_unit(self, known: float | None) -> float:
+        """The map's unit where it is known; else such that the median depth becomes 2 m, the
+        depth that tolerances in metres were made for; 1 where nothing is seen."""
+        if known is not None:
+            return known
+        seen = self.depth > 0
+        return _TYPICAL_DEPTH / float(np.median(self.depth[seen])) if np.any(seen) else 1.0

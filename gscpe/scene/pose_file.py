@@ -48,12 +48,12 @@ def read_poses(path: str | Path) -> dict[str, Float64Array]:
                 f"{path}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line!r}"
             )
         try:
-            pose = parse_pose(" ".join(words[:7]))
+            cam_from_world = parse_pose(" ".join(words[:7]))
         except PoseError as error:
             raise PoseError(f"{path}, line {number}: {error}") from None
         if name in poses:
             raise PoseError(f"{path}, line {number}: {name} has a pose already")
-        poses[name] = pose
+        poses[name] = cam_from_world
     return poses
 
 
