@@ -211,8 +211,9 @@ def test_without_numba_the_remedy_is_named(
     scene: GaussianScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "numba", None)
-    monkeypatch.delitem(sys.modules, "gscpe.render.cpu_kernels", raising=False)
-    monkeypatch.delattr("gscpe.render.cpu_kernels", raising=False)
+    for module in ("gscpe.render.cpu_projection", "gscpe.render.cpu_compositing"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+        monkeypatch.delattr(module, raising=False)
     assert not cpu_rasterizer.is_available()
     with pytest.raises(MissingDependencyError, match=r"pip install 'gscpe\[cpu\]'"):
         Renderer(scene, "cpu")

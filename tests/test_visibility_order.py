@@ -14,7 +14,8 @@ from numpy_compositor import composite
 
 from gscpe.geometry import Camera
 from gscpe.geometry.projection import project, transform_points
-from gscpe.render.visibility_order import NEAR, SlopeLimits, VisibilityOrder
+from gscpe.render.splatting import NEAR, SlopeLimits
+from gscpe.render.visibility_order import VisibilityOrder
 from gscpe.scene import GaussianScene
 
 seeds = st.integers(0, 2**32 - 1)

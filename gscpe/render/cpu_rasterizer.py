@@ -18,21 +18,16 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import MissingDependencyError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
+from gscpe.render.spatial_chunks import SpatialChunks
+from gscpe.render.splatting import SlopeLimits
 from gscpe.render.view import RenderedView
-from gscpe.render.visibility_order import (
-    MIN_ALPHA,
-    NEAR,
-    SlopeLimits,
-    depth_order,
-    view_depths,
-)
 from gscpe.scene.gaussians import GaussianScene
 
 _log = logging.getLogger(__name__)
 
-_CHUNK = 8192
-_MOST_CHUNKS = 64
-_KERNELS = 4
+_TASK = 8192  # Gaussians
+_MOST_TASKS = 64  # each counts for every tile
+_KERNELS = 3
 
 
 def is_available() -> bool:
@@ -55,91 +50,80 @@ class CpuRasterizer:
         self, scene: GaussianScene, threads: int | None = None, progress: bool = False
     ) -> None:
         try:
-            from gscpe.render import cpu_kernels
+            from gscpe.render import cpu_compositing, cpu_projection
         except ImportError as error:
             raise MissingDependencyError(
                 f"the CPU rasterizer needs Numba ({error}): pip install 'gscpe[cpu]', or render "
                 "with backend='gl'"
             ) from error
-        self._kernels = cpu_kernels
-        self._scene = scene
-        self._means = np.ascontiguousarray(scene.means.T)
-        self._faint = scene.opacities < MIN_ALPHA
+        self._tile = cpu_projection.TILE
+        self._record = cpu_projection.RECORD
+        self._project = cpu_projection.project
+        self._fill_entries = cpu_compositing.fill_entries
+        self._composite_tiles = cpu_compositing.composite_tiles
+        self._chunks = SpatialChunks.of(scene)
+        order = self._chunks.order.astype(np.uint32)
+        arrays = (scene.means, scene.quaternions, scene.scales, scene.opacities, scene.sh)
+        self._gaussians = (*(array[order] for array in arrays), order)
+        self._antialiased = scene.antialiased
+        self._slot_of = np.zeros(len(scene), dtype=np.int32)
         self._threads = threads or _available_cores()
         self._pool: ThreadPoolExecutor | None = None
         self._pool_owner = 0
         self._after_kernel: Callable[[], Any] | None = None
         self.description = f"CPU rasterizer (Numba), {self._threads} threads"
-        if not cpu_kernels.project.signatures:  # not used in this process yet
+        if not self._project.signatures:  # not used in this process yet
             self._compile(progress)
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
-        scene, kernels = self._scene, self._kernels
-        depths = view_depths(self._means, cam_from_world)
-        candidates = np.flatnonzero((depths > NEAR) & ~self._faint)
-        depths = depths[candidates]
-        records = np.empty((len(candidates), kernels.RECORD), dtype=np.float32)
-        tile_rows = np.zeros(len(candidates), dtype=np.int32)
+        positions = self._chunks.positions_in_view(camera, cam_from_world)
+        tasks = _chunks(len(positions), max(_TASK, len(positions) // _MOST_TASKS))
+        columns, rows = -(-camera.width // self._tile), -(-camera.height // self._tile)
+        records = np.empty((len(positions), self._record), dtype=np.float32)
+        tile_rows = np.empty((len(positions), 3), dtype=np.int32)
+        keys = np.empty(len(positions), dtype=np.uint64)
+        counts = np.zeros((len(tasks), columns * rows), dtype=np.int32)
         limits = SlopeLimits.of(camera)
-        self._run(
-            kernels.project,
-            _chunks(len(candidates), _CHUNK),
-            candidates,
-            depths,
-            scene.means,
-            scene.quaternions,
-            scene.scales,
-            scene.opacities,
-            scene.sh,
-            cam_from_world[:3, :3].astype(np.float32),
-            cam_from_world[:3, 3].astype(np.float32),
+        done = self._run(
+            self._project,
+            [(*task, i) for i, task in enumerate(tasks)],
+            positions,
+            *self._gaussians,
+            cam_from_world[:3].astype(np.float32),
             camera_centre(cam_from_world).astype(np.float32),
             np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype=np.float32),
             limits.as_array(),
             np.float32(max(camera.fx, camera.fy) * limits.stretch()),
             np.array([camera.width, camera.height], dtype=np.float32),
-            scene.antialiased,
+            self._antialiased,
             records,
+            records.view(np.uint32),
             tile_rows,
-        )
-        visible = np.flatnonzero(tile_rows)
-        order = visible[depth_order(depths[visible], candidates[visible])]
-        return self._composite(order, records, tile_rows, camera, cam_from_world)
-
-    def _composite(
-        self,
-        order: Any,
-        records: Any,
-        tile_rows: Any,
-        camera: Camera,
-        cam_from_world: Float64Array,
-    ) -> RenderedView:
-        kernels, width, height = self._kernels, camera.width, camera.height
-        offsets = np.zeros(len(order) + 1, dtype=np.int64)
-        np.cumsum(tile_rows[order], out=offsets[1:])
-        columns, rows = -(-width // kernels.TILE), -(-height // kernels.TILE)
-        ordered = np.empty((len(order), kernels.RECORD), dtype=np.float32)
-        spans = np.empty((int(offsets[-1]), 2), dtype=np.int16)
-        size = max(_CHUNK, len(order) // _MOST_CHUNKS)  # each chunk counts for every tile
-        chunks = [(i, *chunk) for i, chunk in enumerate(_chunks(len(order), size))]
-        counts = np.zeros((len(chunks), columns * rows), dtype=np.int32)
-        self._run(
-            kernels.find_spans,
-            chunks,
-            order,
-            records,
-            offsets,
-            width,
-            ordered,
-            spans,
+            keys,
+            self._slot_of,
             counts,
         )
-        # Entries are sorted by tile, then by chunk, then by depth within the chunk.
+        used = [slice(begin, end) for (begin, _), (end, _) in zip(tasks, done, strict=True)]
+        spans = [task_spans for _, task_spans in done]
+        spans_before = np.cumsum([0] + [len(task_spans) for task_spans in spans])
+        for slots, before in zip(used, spans_before, strict=False):
+            tile_rows[slots, 2] += before
+        nearest_first = np.sort(np.concatenate([keys[slots] for slots in used]))
+        order = self._slot_of[nearest_first.astype(np.uint32)]
         starts = np.zeros(columns * rows + 1, dtype=np.int64)
         np.cumsum(counts.sum(axis=0), out=starts[1:])
-        cursors = starts[:-1] + np.cumsum(counts, axis=0) - counts
         entries = np.empty(int(starts[-1]), dtype=np.int32)
-        self._run(kernels.fill_entries, chunks, ordered, offsets, spans, columns, cursors, entries)
+        self._run(
+            self._fill_entries,
+            _chunks(rows, -(-rows // self._threads)),
+            order,
+            tile_rows,
+            np.concatenate(spans),
+            columns,
+            starts[:-1].copy(),
+            entries,
+        )
+        height, width = camera.height, camera.width
         view = RenderedView(
             rgb=np.empty((height, width, 3), dtype=np.float32),
             opacity=np.empty((height, width), dtype=np.float32),
@@ -149,10 +133,9 @@ class CpuRasterizer:
             cam_from_world=cam_from_world.copy(),
         )
         self._run(
-            kernels.composite_tiles,
+            self._composite_tiles,
             _chunks(columns * rows, max(1, columns // 2)),
-            np.uint64(kernels.TILE),
-            ordered,
+            records,
             starts,
             entries,
             columns,
@@ -164,20 +147,19 @@ class CpuRasterizer:
         return view
 
     def _run(
-        self, kernel: Callable[..., None], parts: Iterable[tuple[int, ...]], *arguments: Any
-    ) -> None:
+        self, kernel: Callable[..., Any], parts: Iterable[tuple[int, ...]], *arguments: Any
+    ) -> list[Any]:
         """Runs a kernel on all parts; its first arguments say which part."""
         if self._threads == 1 or self._after_kernel is not None:
-            for part in parts:
-                kernel(*part, *arguments)
+            results = [kernel(*part, *arguments) for part in parts]
             if self._after_kernel is not None:
                 self._after_kernel()
-            return
+            return results
         if self._pool is None or self._pool_owner != os.getpid():  # threads do not survive a fork
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="gscpe-render")
             self._pool_owner = os.getpid()
-        for future in [self._pool.submit(kernel, *part, *arguments) for part in parts]:
-            future.result()
+        futures = [self._pool.submit(kernel, *part, *arguments) for part in parts]
+        return [future.result() for future in futures]
 
     def _compile(self, progress: bool) -> None:
         """Renders a pixel, so that the loops are compiled, or loaded from Numba's cache, now."""
@@ -206,4 +188,5 @@ def _available_cores() -> int:
 
 
 def _chunks(count: int, size: int) -> list[tuple[int, int]]:
-    return [(begin, min(begin + size, count)) for begin in range(0, count, size)]
+    """At least one, so that every kernel runs, and is compiled, whatever is in view."""
+    return [(begin, min(begin + size, count)) for begin in range(0, count, size)] or [(0, 0)]

@@ -14,9 +14,10 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.render.context import DriverInfo, create_context, describe
 from gscpe.render.shader_source import shader_source
+from gscpe.render.splatting import SlopeLimits
 from gscpe.render.targets import ImageTargets, ProjectionTargets, data_texture
 from gscpe.render.view import RenderedView
-from gscpe.render.visibility_order import SlopeLimits, VisibilityOrder
+from gscpe.render.visibility_order import VisibilityOrder
 from gscpe.scene.gaussians import GaussianScene
 
 _SIZES_KEPT = 4
