@@ -20,6 +20,7 @@ from gscpe.scene import (
     read_image,
     read_splat,
     save_map,
+    write_splat,
 )
 
 __version__ = "0.1.0"
@@ -41,4 +42,5 @@ __all__ = [
     "read_image",
     "read_splat",
     "save_map",
+    "write_splat",
 ]

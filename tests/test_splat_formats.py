@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +15,7 @@ from helpers import random_scene, write_splat
 from numpy.typing import NDArray
 
 from gscpe.errors import MissingDependencyError, SplatError
-from gscpe.scene import GaussianScene, read_splat
+from gscpe.scene import GaussianScene, read_splat, splat_formats
 from gscpe.scene.gaussians import SH_C0
 from gscpe.scene.splat_formats import FORMATS
 
@@ -74,21 +78,47 @@ def test_what_comes_back(
     np.testing.assert_allclose(base_colour(back)[nearest], base_colour(scene), atol=colour)
 
 
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """Cut off, or with up to three bytes changed, most of them near the beginning."""
+    if rng.random() < 0.3:
+        return data[: rng.integers(len(data))]
+    changed = bytearray(data)
+    for _ in range(rng.integers(1, 4)):
+        changed[rng.integers(min(len(data), rng.choice([20, 400, len(data)])))] = rng.integers(256)
+    return bytes(changed)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_files(kind: str, tmp_path: Path) -> None:
-    """Cut off or changed, a file loads as a valid splat or is refused with its name."""
+    """They load as valid splats or are refused by name; .spz also within its gzip, which has
+    a checksum of its own. Set GSCPE_MUTATIONS to try more than the usual number."""
     rng = np.random.default_rng(0)
     data = encoded(random_scene(rng, 50, 1), kind, tmp_path)
-    damaged = [data[: rng.integers(len(data))] for _ in range(10)]
-    for _ in range(10):
-        changed = bytearray(data)
-        changed[rng.integers(min(len(data), 400))] = rng.integers(256)
-        damaged.append(bytes(changed))
-    for case in [b"", b"hello", *damaged]:
+    cases = [b"", b"hello"]
+    for number in range(int(os.environ.get("GSCPE_MUTATIONS", "10"))):
+        if kind == "spz" and number % 3:
+            cases.append(gzip.compress(damaged(gzip.decompress(data), rng)))
+        else:
+            cases.append(damaged(data, rng))
+    for case in cases:
         try:
-            read_splat(write(tmp_path, kind, case))
+            scene = read_splat(write(tmp_path, kind, case))
         except SplatError as error:
             assert f"scene.{kind}" in str(error)
+        else:
+            for name in ("means", "quaternions", "scales", "opacities", "sh"):
+                assert np.all(np.isfinite(getattr(scene, name))), name
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits a process's memory")
+def test_the_converter_cannot_take_all_memory() -> None:
+    """A damaged .ksplat made gaussforge ask for 17 GB."""
+    program = "from convert_splat import limit_memory; limit_memory(10); bytearray(3 * 2**30)"
+    folder = Path(splat_formats.__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.stderr.endswith("MemoryError\n")
 
 
 def test_without_gaussforge_the_remedy_is_named(

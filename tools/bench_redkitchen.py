@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """Localizes the RedKitchen queries of $GSCPE_DATA and prints the README's table.
 
-Usage: .venv/bin/python tools/bench_redkitchen.py [--every N] [--output FOLDER]
+Usage: .venv/bin/python tools/bench_redkitchen.py [--every N] [--compress] [--output FOLDER]
+
+With --compress the map is saved compressed and opened again first, and its size is compared.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +22,7 @@ from gscpe.batch import localize_list, write_poses
 from gscpe.evaluation import THRESHOLDS, evaluate, normalized_error_squared
 from gscpe.localizer import Localizer
 from gscpe.mapping import build_map
-from gscpe.scene import read_splat
+from gscpe.scene import Map, open_map, read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.pose_file import parse_pose, read_poses
 from gscpe.scene.query_list import read_query_list
@@ -27,6 +31,7 @@ from gscpe.scene.query_list import read_query_list
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--every", type=int, default=1, help="only every N-th query")
+    parser.add_argument("--compress", action="store_true", help="use a compressed map")
     parser.add_argument(
         "--output", type=Path, default=Path("redkitchen-results"), help="default: %(default)s"
     )
@@ -37,6 +42,8 @@ def main() -> int:
         return 2
     references = read_colmap_references(data / "sparse" / "0", data / "references")
     map_ = build_map(read_splat(data / "splat.ply"), references, data / "references", progress=True)
+    if options.compress:
+        map_ = _compressed(map_)
     queries = read_query_list(data / "queries.txt")[:: options.every]
     names = {query.name for query in queries}
     truth = {n: pose for n, pose in read_poses(data / "truth.txt").items() if n in names}
@@ -73,6 +80,23 @@ def main() -> int:
     ]
     print(f"normalized error squared: mean {np.mean(errors):.2f}, median {np.median(errors):.2f}")
     return 0
+
+
+def _compressed(map_: Map) -> Map:
+    """The map after it was saved compressed and opened; prints the sizes of both kinds."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, compress in (("plain", False), ("compressed", True)):
+            path = Path(folder) / name
+            save_map(map_, path, compress=compress)
+            begin = time.perf_counter()
+            opened = open_map(path)
+            seconds = time.perf_counter() - begin
+            sizes = {file.name: file.stat().st_size for file in sorted(path.iterdir())}
+            files = ", ".join(f"{file} {size / 1e6:.2f}" for file, size in sizes.items())
+            print(f"{name} map: {sum(sizes.values()) / 1e6:.1f} MB ({files}), ", end="")
+            print(f"opened in {seconds:.1f} s")
+    print()
+    return opened
 
 
 def _seconds(details: list[dict[str, Any]]) -> str:

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 from gscpe.arrays import Float32Array
 from gscpe.errors import SplatError
 
+_LARGEST = 1e15  # squares of it, in pixels, still fit float32 where scenes are rendered
+
 SH_C0 = 0.28209479177387814
 """The constant spherical harmonic; ``colour = 0.5 + SH_C0 * sh[:, 0]`` at degree 0."""
 
@@ -18,7 +20,7 @@ SH_C0 = 0.28209479177387814
 class GaussianScene:
     """Gaussians with their activations applied (Kerbl et al., 3D Gaussian Splatting, 2023).
 
-    All arrays are float32 and finite; N > 0.
+    All arrays are float32, finite, and within 1e15 of zero; N > 0.
 
     Attributes:
         means: (N, 3) centres in the world, map units.
@@ -72,6 +74,12 @@ class GaussianScene:
             raise SplatError(
                 f"{bad} of {len(array)} Gaussians have NaN or infinite {name}; "
                 "remove them or train the splat again"
+            )
+        largest = float(np.abs(array).max(initial=0.0))
+        if largest > _LARGEST:
+            raise SplatError(
+                f"{name} reach {largest:.3g}, which no scene needs (damaged?); values up to "
+                f"{_LARGEST:.0e} can be rendered"
             )
 
     def __len__(self) -> int:

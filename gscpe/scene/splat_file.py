@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from gscpe.arrays import Float32Array
 from gscpe.errors import SplatError
 from gscpe.scene.gaussians import GaussianScene, normalized_quaternions
+from gscpe.scene.ply_bytes import ANTIALIASED_COMMENT
 from gscpe.scene.splat_formats import COMPRESSED_PLY, FORMATS, to_ply
 
 _REST_COUNT_TO_COEFFICIENTS = {0: 1, 9: 4, 24: 9, 45: 16}
 # How exporters say, in a header comment, that opacity compensation must be applied.
-_ANTIALIASED_COMMENTS = {"comment splatrendermode: mip", "comment antialiased 1"}
+_ANTIALIASED_COMMENTS = {f"comment {ANTIALIASED_COMMENT.lower()}", "comment antialiased 1"}
 
 
 def read_splat(path: str | Path) -> GaussianScene:

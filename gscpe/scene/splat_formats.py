@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from gscpe.errors import MissingDependencyError, SplatError
+from gscpe.errors import MissingDependencyError, OutputError, SplatError
 
 FORMATS = {".splat": "splat", ".ksplat": "ksplat", ".spz": "spz", ".sog": "sog"}
 """File endings, and what gaussforge calls the formats."""
@@ -19,6 +19,14 @@ _PROGRAM = Path(__file__).with_name("convert_splat.py")
 _SECONDS = 600
 
 
+def require_gaussforge(what: str) -> None:
+    """Raises MissingDependencyError, with the remedy, where gaussforge is not installed."""
+    if importlib.util.find_spec("gaussforge") is None:
+        raise MissingDependencyError(
+            f"{what}: splats that are not .ply need gaussforge: pip install 'gscpe[formats]'"
+        )
+
+
 def to_ply(path: Path, kind: str) -> tuple[bytes, bool]:
     """A splat file as the bytes of a standard ``.ply``, and whether it is tagged as
     antialiased. Coordinates stay as they are stored.
@@ -27,21 +35,38 @@ def to_ply(path: Path, kind: str) -> tuple[bytes, bool]:
         SplatError: the file is not a splat of this kind.
         MissingDependencyError: gaussforge is not installed.
     """
-    if importlib.util.find_spec("gaussforge") is None:
-        raise MissingDependencyError(
-            f"{path}: splats that are not .ply need gaussforge: pip install 'gscpe[formats]'"
-        )
+    require_gaussforge(str(path))
+    try:
+        return _convert(kind, "ply", path)
+    except (subprocess.SubprocessError, OSError) as error:
+        raise SplatError(
+            f"{path} is not a readable {kind} file (damaged or truncated?); copy or export it again"
+        ) from error
+
+
+def from_ply(ply: bytes, kind: str) -> bytes:
+    """A binary little-endian ``.ply`` as another format; the antialiased tag is lost.
+
+    Raises:
+        OutputError: gaussforge cannot convert it, or there is no room for temporary files.
+        MissingDependencyError: gaussforge is not installed.
+    """
+    require_gaussforge(f"cannot write .{kind}")
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "source.ply"
+            source.write_bytes(ply)
+            return _convert("ply", kind, source)[0]
+    except (subprocess.SubprocessError, OSError) as error:
+        raise OutputError(f"gaussforge could not make {kind} of the splat: {error}") from error
+
+
+def _convert(source_kind: str, target_kind: str, source: Path) -> tuple[bytes, bool]:
+    """The converted file, and whether the source is tagged as antialiased."""
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "converted.ply"
-        command = [sys.executable, str(_PROGRAM), kind, str(path), str(target)]
-        try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, timeout=_SECONDS, check=True
-            )
-            ply = target.read_bytes()
-        except (subprocess.SubprocessError, OSError) as error:
-            raise SplatError(
-                f"{path} is not a readable {kind} file (damaged or truncated?); "
-                "copy or export it again"
-            ) from error
-    return ply, done.stdout.splitlines()[-1] == "antialiased"
+        target = Path(folder) / "converted"
+        command = [sys.executable, str(_PROGRAM), source_kind, target_kind, str(source)]
+        done = subprocess.run(
+            [*command, str(target)], capture_output=True, text=True, timeout=_SECONDS, check=True
+        )
+        return target.read_bytes(), done.stdout.splitlines()[-1] == "antialiased"

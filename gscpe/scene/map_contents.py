@@ -1,0 +1,150 @@
+"""The files of a map folder, as bytes: how a map is split into them and put together again.
+
+A plain map keeps the Gaussians in ``gaussians.npz``, a compressed one in ``gaussians.spz``
+with what that format cannot hold in ``gaussians.json``; see docs/formats.md.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gscpe.errors import MapError, OutputError
+from gscpe.geometry.camera import Camera
+from gscpe.scene.gaussians import GaussianScene
+from gscpe.scene.map import Map
+from gscpe.scene.references import GlobalDescriptors, References
+from gscpe.scene.splat_file import read_splat
+from gscpe.scene.spz import best_exponent, encode_spz
+
+GAUSSIANS = frozenset({"gaussians.npz", "gaussians.spz"})
+"""One of them is in every map."""
+_GAUSSIANS, _REFERENCES, _RETRIEVAL = "gaussians.npz", "references.json", "retrieval.npz"
+_SPZ, _SPZ_FACTOR = "gaussians.spz", "gaussians.json"
+PLAIN = frozenset({_GAUSSIANS, _REFERENCES, _RETRIEVAL})
+"""The files of a plain map, except map.json."""
+COMPRESSED = frozenset({_SPZ, _SPZ_FACTOR, _REFERENCES, _RETRIEVAL})
+"""The files of a compressed map, except map.json."""
+
+_SCENE_ARRAYS = ("means", "quaternions", "scales", "opacities", "sh")
+
+
+def to_contents(map_: Map, compress: bool) -> dict[str, bytes]:
+    """File names and contents.
+
+    Raises:
+        OutputError: the scene does not fit into the compressed format.
+        MissingDependencyError: compressing needs gaussforge, and it is not installed.
+    """
+    # Half precision moves a similarity by less than 0.001.
+    descriptors = map_.descriptors.descriptors.astype(np.float16 if compress else np.float32)
+    return {
+        **(_compressed_gaussians(map_) if compress else _plain_gaussians(map_)),
+        _REFERENCES: _references_to_json(map_.references),
+        _RETRIEVAL: _npz({"vocabulary": map_.descriptors.vocabulary, "descriptors": descriptors}),
+    }
+
+
+def from_contents(contents: Mapping[str, bytes], folder: Path) -> Map:
+    """The map of these files, which lie in this folder (gaussforge reads from there).
+
+    Raises:
+        MissingDependencyError: the map is compressed, and gaussforge is not installed.
+        Exception: whatever parsers raise where a file is damaged.
+    """
+    retrieval = _load_npz(contents[_RETRIEVAL])
+    load = _load_plain if _GAUSSIANS in contents else _load_compressed
+    scene, metres_per_unit = load(contents, folder)
+    return Map(
+        scene=scene,
+        references=_references_from_json(contents[_REFERENCES]),
+        descriptors=GlobalDescriptors(
+            np.asarray(retrieval["vocabulary"], dtype=np.float32),
+            np.asarray(retrieval["descriptors"], dtype=np.float32),
+        ),
+        metres_per_unit=metres_per_unit,
+    )
+
+
+def _plain_gaussians(map_: Map) -> dict[str, bytes]:
+    arrays = {name: getattr(map_.scene, name) for name in _SCENE_ARRAYS}
+    arrays["antialiased"] = np.array(map_.scene.antialiased)
+    arrays["metres_per_unit"] = np.array(map_.metres_per_unit or np.nan)
+    return {_GAUSSIANS: _npz(arrays)}
+
+
+def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, float | None]:
+    gaussians = _load_npz(contents[_GAUSSIANS])
+    unit = float(gaussians["metres_per_unit"])
+    scene = GaussianScene(
+        means=gaussians["means"],
+        quaternions=gaussians["quaternions"],
+        scales=gaussians["scales"],
+        opacities=gaussians["opacities"],
+        sh=gaussians["sh"],
+        antialiased=bool(gaussians["antialiased"]),
+    )
+    return scene, None if np.isnan(unit) else unit
+
+
+def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
+    exponent = best_exponent(map_.scene)
+    try:
+        spz = encode_spz(map_.scene, exponent)
+    except OutputError as error:
+        raise OutputError(f"the map cannot be compressed ({error}); save it plain") from None
+    rest = {"factor": 2.0**exponent, "metres_per_unit": map_.metres_per_unit}
+    return {_SPZ: spz, _SPZ_FACTOR: json.dumps(rest).encode()}
+
+
+def _load_compressed(
+    contents: Mapping[str, bytes], folder: Path
+) -> tuple[GaussianScene, float | None]:
+    rest = json.loads(contents[_SPZ_FACTOR])
+    factor, unit = float(rest["factor"]), rest["metres_per_unit"]
+    if not 0 < factor < np.inf:
+        raise MapError(f"the factor of the coordinates is {factor}")
+    scene = read_splat(folder / _SPZ)
+    with np.errstate(over="ignore", divide="ignore"):  # GaussianScene reports what is infinite
+        scene = replace(
+            scene,
+            means=np.asarray(scene.means / factor, dtype=np.float32),
+            scales=np.asarray(scene.scales / factor, dtype=np.float32),
+        )
+    return scene, None if unit is None else float(unit)
+
+
+def _npz(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def _load_npz(data: bytes) -> dict[str, NDArray[Any]]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _references_to_json(references: References) -> bytes:
+    entries = [
+        {"name": name, "camera": camera.colmap_text(), "cam_from_world": pose.tolist()}
+        for name, camera, pose in zip(
+            references.names, references.cameras, references.cam_from_world, strict=True
+        )
+    ]
+    return json.dumps(entries, indent=1).encode()
+
+
+def _references_from_json(data: bytes) -> References:
+    entries = json.loads(data)
+    return References(
+        names=tuple(str(entry["name"]) for entry in entries),
+        cam_from_world=np.array([entry["cam_from_world"] for entry in entries], dtype=np.float64),
+        cameras=tuple(Camera.parse(entry["camera"]) for entry in entries),
+    )

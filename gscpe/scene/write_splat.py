@@ -1,0 +1,56 @@
+"""Writes a GaussianScene to a splat file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Callable
+
+from gscpe.errors import OutputError
+from gscpe.scene.gaussians import GaussianScene
+from gscpe.scene.ply_bytes import ply_bytes
+from gscpe.scene.spz import encode_spz
+
+_ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".spz": encode_spz}
+
+
+def write_splat(scene: GaussianScene, path: str | Path) -> None:
+    """Writes a splat; the ending names the format. An older file is replaced at the end.
+
+    ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding.
+    ``.spz``: about a tenth of the size, through gaussforge; what rounding costs stands at
+    :func:`gscpe.scene.spz.encode_spz`. Coordinates and axes stay as they are, and the
+    antialiased tag is written in both.
+
+    Raises:
+        OutputError: the ending is another one, the file cannot be written, or the scene
+            exceeds the range of the format.
+        MissingDependencyError: ``.spz`` needs gaussforge, and it is not installed.
+    """
+    path = Path(path)
+    encode = _ENCODERS.get(path.suffix.lower())
+    if encode is None:
+        raise OutputError(f"{path}: cannot write splats of this kind; use {' or '.join(_ENCODERS)}")
+    try:
+        data = encode(scene)
+    except OutputError as error:
+        raise OutputError(f"{path}: {error}") from None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _replace(path, data)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Writes beside the file and renames, so that no half-written file is ever there."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(name).chmod(0o644)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink()
+        raise

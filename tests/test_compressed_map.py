@@ -1,0 +1,205 @@
+"""Compressed maps: what rounding changes, and damage that is noticed."""
+
+from __future__ import annotations
+
+import gzip
+import importlib.util
+import json
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import assert_same_map, random_scene, some_map
+
+from gscpe.cli.main import main
+from gscpe.errors import MapError, MissingDependencyError, OutputError
+from gscpe.scene import Map, open_map, save_map
+from gscpe.scene.map_folder import check_map_output
+
+pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
+
+FILES = ("gaussians.json", "gaussians.spz", "map.json", "references.json", "retrieval.npz")
+
+
+@pytest.fixture
+def map_(rng: np.random.Generator) -> Map:
+    return some_map(rng)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, map_: Map) -> Path:
+    folder = tmp_path / "my maps" / "kitchen.gsmap"
+    save_map(map_, folder, compress=True)
+    return folder
+
+
+def scaled(map_: Map, factor: float) -> Map:
+    """The map with other lengths; poses stay, since nothing here looks at them."""
+    scene = map_.scene
+    lengths = {
+        name: np.asarray(getattr(scene, name) * factor, dtype=np.float32)
+        for name in ("means", "scales")
+    }
+    return replace(map_, scene=replace(scene, **lengths))
+
+
+def assert_almost_same(opened: Map, map_: Map) -> None:
+    """Half a step of each rounding; references and the unit exactly."""
+    a, b = opened.scene, map_.scene
+    np.testing.assert_allclose(a.means, b.means, rtol=0, atol=np.abs(b.means).max() * 2.0**-22)
+    np.testing.assert_allclose(a.scales, b.scales, rtol=0.032)
+    np.testing.assert_allclose(a.opacities, b.opacities, atol=0.002)
+    np.testing.assert_allclose(a.sh, b.sh, atol=0.014)
+    aligned = np.abs(np.sum(a.quaternions * b.quaternions, axis=1))
+    assert np.degrees(2 * np.arccos(np.clip(aligned, 0, 1))).max() < 0.25
+    assert a.antialiased is b.antialiased
+    np.testing.assert_allclose(
+        opened.descriptors.descriptors, map_.descriptors.descriptors, rtol=2.0**-11
+    )
+    assert opened.descriptors.descriptors.dtype == np.float32
+    exact = replace(opened, scene=map_.scene, descriptors=map_.descriptors)
+    assert_same_map(exact, map_)
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e3, 1e9])
+def test_round_trip_at_any_size(size: float, antialiased: bool, map_: Map, tmp_path: Path) -> None:
+    map_ = scaled(replace(map_, scene=replace(map_.scene, antialiased=antialiased)), size)
+    save_map(map_, tmp_path / "a.gsmap", compress=True)
+    assert_almost_same(open_map(tmp_path / "a.gsmap"), map_)
+    assert sorted(path.name for path in (tmp_path / "a.gsmap").iterdir()) == sorted(FILES)
+
+
+@pytest.mark.parametrize("metres_per_unit", [None, 1 / 3])
+def test_the_unit_is_kept(metres_per_unit: float | None, map_: Map, tmp_path: Path) -> None:
+    save_map(replace(map_, metres_per_unit=metres_per_unit), tmp_path / "a", compress=True)
+    assert open_map(tmp_path / "a").metres_per_unit == metres_per_unit
+
+
+def test_a_fifth_of_the_size(map_: Map, tmp_path: Path, rng: np.random.Generator) -> None:
+    scene = random_scene(rng, 2000, 3)
+    scene.sh[:, 1:] *= 0.3  # as faint as in trained splats
+    map_ = replace(map_, scene=scene)
+    sizes = []
+    for name in ("plain", "compressed"):
+        save_map(map_, tmp_path / name, compress=name == "compressed")
+        sizes.append(sum(file.stat().st_size for file in (tmp_path / name).iterdir()))
+    assert sizes[1] < sizes[0] / 5
+
+
+def test_kinds_replace_each_other(folder: Path, map_: Map) -> None:
+    save_map(map_, folder)
+    assert_same_map(open_map(folder), map_)
+    check_map_output(folder, compress=True)
+    save_map(map_, folder, compress=True)
+    assert_almost_same(open_map(folder), map_)
+
+
+def test_only_compressed_maps_need_a_newer_gscpe(folder: Path, map_: Map, tmp_path: Path) -> None:
+    save_map(map_, tmp_path / "plain")
+    versions = [
+        json.loads((path / "map.json").read_text())["version"]
+        for path in (tmp_path / "plain", folder)
+    ]
+    assert versions == [1, 2]
+
+
+def test_scenes_that_cannot_be_compressed(map_: Map, tmp_path: Path) -> None:
+    """A Gaussian so large that the others would vanish beside it."""
+    scales = map_.scene.scales.copy()
+    scales[0] = 1e14
+    with pytest.raises(OutputError, match="save it plain"):
+        save_map(
+            replace(map_, scene=replace(map_.scene, scales=scales)), tmp_path / "a", compress=True
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_gaussforge_the_remedy_is_named(
+    folder: Path, map_: Map, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    for action in (
+        lambda: open_map(folder),
+        lambda: save_map(map_, tmp_path / "new", compress=True),
+        lambda: check_map_output(tmp_path / "new", compress=True),
+    ):
+        with pytest.raises(MissingDependencyError, match=r"pip install 'gscpe\[formats\]'"):
+            action()
+    assert not (tmp_path / "new").exists()
+    command = ["build-map", "absent.ply", "--colmap", "x", "--images", "y", "--compress"]
+    assert main([*command, "--output", str(tmp_path / "new")]) != 0
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_one_wrong_byte_is_noticed(name: str, folder: Path, map_: Map) -> None:
+    path = folder / name
+    data = path.read_bytes()
+    rng = np.random.default_rng(3)
+    for offset in rng.integers(0, len(data), 8 if name == "map.json" else 60):
+        damaged = bytearray(data)
+        damaged[offset] ^= rng.integers(1, 256)
+        path.write_bytes(damaged)
+        try:
+            opened = open_map(folder)
+        except MapError as error:
+            assert str(folder) in str(error)
+        else:
+            assert name == "map.json", f"byte {offset} of {name} went unnoticed"
+            assert_almost_same(opened, map_)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_missing_and_truncated_files_are_noticed(name: str, folder: Path) -> None:
+    path = folder / name
+    data = path.read_bytes()
+    for length in (0, len(data) // 2, len(data) - 2):
+        path.write_bytes(data[:length])
+        with pytest.raises(MapError, match="damaged"):
+            open_map(folder)
+    path.unlink()
+    with pytest.raises(MapError, match=name):
+        open_map(folder)
+
+
+def rewrite(folder: Path, name: str, data: bytes) -> None:
+    """Replaces a file and its checksum, as an editor of maps would."""
+    (folder / name).write_bytes(data)
+    manifest = json.loads((folder / "map.json").read_text())
+    manifest["files"][name] = {"bytes": len(data), "crc32": zlib.crc32(data)}
+    (folder / "map.json").write_text(json.dumps(manifest))
+
+
+def test_damaged_gaussians_with_a_right_checksum(folder: Path) -> None:
+    """A valid scene, which Map checks, or a MapError."""
+    content = gzip.decompress((folder / "gaussians.spz").read_bytes())
+    rng = np.random.default_rng(5)
+    for attempt in range(8):
+        damaged = bytearray(content)
+        damaged[rng.integers(16 if attempt % 2 else len(content))] = rng.integers(256)
+        rewrite(
+            folder, "gaussians.spz", gzip.compress(damaged[: rng.integers(1, 2 * len(content))])
+        )
+        try:
+            opened = open_map(folder)
+        except MapError as error:
+            assert str(folder) in str(error)
+        else:
+            assert np.all(np.isfinite(opened.scene.means))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "null", "[1]", "{}", '{"factor": 1}', '{"factor": "x", "metres_per_unit": 1}'),
+        *(f'{{"factor": {f}, "metres_per_unit": 1}}' for f in ("0", "-2", "NaN", "1e999", "null")),
+        *(f'{{"factor": 1, "metres_per_unit": {u}}}' for u in ("0", "-2", "NaN", "[]", '"x"')),
+        *(f'{{"factor": {f}, "metres_per_unit": 1}}' for f in ("1e-60", "1e60")),
+    ],
+)
+def test_impossible_factors_and_units(text: str, folder: Path) -> None:
+    rewrite(folder, "gaussians.json", text.encode())
+    with pytest.raises(MapError, match="damaged"):
+        open_map(folder)
