@@ -40,6 +40,10 @@ class MapError(InputError):
     """A map folder is missing, damaged, or was written by a newer gscpe."""
 
 
+class ModelError(InputError):
+    """A trained network is missing, damaged, or not of the expected form."""
+
+
 class QueryListError(InputError):
     """A list of query photos cannot be read."""
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Makes .venv with the package and its extras, and installs the system libraries for
 # off-screen OpenGL if they are missing. Idempotent; quick when there is nothing to do.
-# Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, formats, test)
+# Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, formats, models, test)
+# With the extra models, the trained networks are installed too, if they can be fetched.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -79,3 +80,11 @@ if [ "$(uname -s)" = Linux ] && ! "$venv/bin/gscpe" doctor >/dev/null 2>&1; then
     apt_install libegl1 libgl1 libgl1-mesa-dri
     "$venv/bin/gscpe" doctor >&2 || fail "there is no working off-screen OpenGL 3.3; see above"
 fi
+
+# Not having them is no failure: gscpe then matches with SIFT.
+case " $* " in
+    *" models "*)
+        "$venv/bin/gscpe" models install xfeat >&2 ||
+            say "the trained networks could not be installed; SIFT will be used instead"
+        ;;
+esac

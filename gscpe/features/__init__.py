@@ -1,5 +1,6 @@
 """Local features of an image, which retrieval and matching share."""
 
 from gscpe.features.sift import LocalFeatures, SiftSettings, extract_sift
+from gscpe.features.xfeat import XFeat, XFeatFeatures
 
-__all__ = ["LocalFeatures", "SiftSettings", "extract_sift"]
+__all__ = ["LocalFeatures", "SiftSettings", "XFeat", "XFeatFeatures", "extract_sift"]

@@ -1,0 +1,142 @@
+"""The user's model folder: ``MODEL/NETWORK.onnx`` with a manifest, licence and attribution."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Mapping
+
+from gscpe.errors import ModelError, OutputError
+from gscpe.models.catalogue import CATALOGUE, ModelSource, find_source
+
+VERSION = 1
+"""Of the graphs that this gscpe makes; models of another version are made anew."""
+
+FOLDER_VARIABLE = "GSCPE_MODELS"
+_MANIFEST = "model.json"
+
+
+@dataclass(frozen=True)
+class InstalledFile:
+    """One network in the model folder.
+
+    Attributes:
+        state: "ok", "missing", "damaged" (its checksum is wrong) or "outdated" (made by
+            another version of gscpe).
+        size: in bytes, 0 where it is missing.
+    """
+
+    model: str
+    path: Path
+    size: int
+    state: str
+
+
+def models_folder() -> Path:
+    """Where models are: ``$GSCPE_MODELS`` if set, else in the platform's cache folder."""
+    chosen = os.environ.get(FOLDER_VARIABLE)
+    if chosen:
+        return Path(chosen).expanduser().absolute()
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("gscpe", appauthor=False)) / "models"
+
+
+def model_path(model: str, network: str) -> Path:
+    """Path of one network, such as ("xfeat", "xfeat.onnx").
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    path = models_folder() / model / network
+    if not path.is_file():
+        raise ModelError(f"{path} is missing; get it with: {install_command(model)}")
+    return path
+
+
+def install_command(model: str) -> str:
+    return f"gscpe models install {model}"
+
+
+def installed_files(model: str | None = None) -> tuple[InstalledFile, ...]:
+    """The networks of one model (of all, if None), installed or not; checksums are verified.
+
+    Raises:
+        ModelError: there is no model of this name.
+    """
+    sources = list(CATALOGUE.values()) if model is None else [find_source(model)]
+    return tuple(_inspect(each.name, network) for each in sources for network in each.networks)
+
+
+def is_installed(source: ModelSource) -> bool:
+    """Whether all networks of a model are there, whole, and of this version."""
+    return all(file.state == "ok" for file in installed_files(source.name))
+
+
+def write_model(source: ModelSource, networks: Mapping[str, bytes], licence: bytes) -> Path:
+    """Writes the networks of a model, with licence and attribution; returns the folder.
+
+    Each file appears whole or not at all, the manifest last.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = models_folder() / source.name
+    manifest = {
+        "format": "gscpe model",
+        "version": VERSION,
+        "source": source.requirement,
+        "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in networks.items()},
+    }
+    contents = {
+        "LICENSE": licence,
+        "ATTRIBUTION.txt": source.attribution.encode(),
+        **networks,
+        _MANIFEST: (json.dumps(manifest, indent=2) + "\n").encode(),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in contents.items():
+            _write_atomically(folder / name, data)
+    except OSError as error:
+        raise OutputError(
+            f"models cannot be written to {folder}: {error.strerror}; "
+            f"choose another folder with the environment variable {FOLDER_VARIABLE}"
+        ) from error
+    return folder
+
+
+def _write_atomically(path: Path, data: bytes) -> None:
+    handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        os.chmod(partial, 0o644)
+        os.replace(partial, path)
+    except BaseException:
+        Path(partial).unlink(missing_ok=True)
+        raise
+
+
+def _inspect(model: str, network: str) -> InstalledFile:
+    path = models_folder() / model / network
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return InstalledFile(model, path, 0, "missing")
+    return InstalledFile(model, path, len(data), _state(path, data))
+
+
+def _state(path: Path, data: bytes) -> str:
+    try:
+        manifest = json.loads((path.parent / _MANIFEST).read_bytes())
+        version, expected = manifest["version"], manifest["sha256"][path.name]
+    except (OSError, ValueError, KeyError, TypeError):
+        return "damaged"
+    if version != VERSION:
+        return "outdated"
+    return "ok" if hashlib.sha256(data).hexdigest() == expected else "damaged"
