@@ -1,32 +1,55 @@
 #!/usr/bin/env python3
-"""Times the rasterizers on a map or a splat, as ratios against OpenGL in the same run.
+"""Times the rasterizers on a map or a splat, as ratios in the same run.
 
-Usage: .venv/bin/python tools/bench_render.py MAP_OR_PLY [--growth] [--repeats N]
+Usage: .venv/bin/python tools/bench_render.py MAP_OR_PLY [--growth] [--plot PNG] [--repeats N]
 
 A whole call is timed: pose in, NumPy arrays (colour, opacity, depth, variance) out. The
-rasterizers take turns, so that a change of the machine's speed hits them alike.
+rasterizers take turns, so that a change of the machine's speed hits them alike. "plain" is
+OpenGL without gscpe's first pass, see tools/plain_quads.py.
 
---growth: also larger scenes, made by tiling the splat in space, as a table of time and memory.
+--growth: also larger scenes, made by tiling the splat in space. Each scene and rasterizer gets
+a process of its own, so that the memory is theirs alone.
+--plot: draws the growth with the number of Gaussians and with the image (pip install '.[plots]').
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import multiprocessing
 import os
 import resource
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol, Sequence
 
 import numpy as np
+from plain_quads import PlainQuads
 
 from gscpe import Camera, GaussianScene, Renderer, open_map, read_splat
 from gscpe.arrays import Float64Array
+from gscpe.errors import RenderError
+from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.visibility_order import VisibilityOrder
 
 SIZES = ((1280, 960), (640, 480), (320, 240), (160, 120))
 COUNTS = (100_000, 300_000, 1_000_000, 3_000_000)
+PLACES = 3
+
+
+class Renders(Protocol):
+    def render(self, camera: Camera, cam_from_world: Float64Array) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Case:
+    """Milliseconds a call, Gaussians in view, and megabytes, of one rasterizer."""
+
+    milliseconds: float
+    in_view: int
+    megabytes: float
 
 
 def main() -> int:
@@ -34,55 +57,162 @@ def main() -> int:
     parser.add_argument("splat", type=Path, help="map folder, or .ply")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--growth", action="store_true", help="larger scenes too")
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the growth (so --growth)")
     options = parser.parse_args()
-    if options.splat.is_dir():
-        map_ = open_map(options.splat)
-        scene, poses = map_.scene, map_.references.cam_from_world
-        poses = poses[np.linspace(0, len(poses) - 1, 4).astype(int)[:3]]
-    else:
-        scene = read_splat(options.splat)
-        poses = np.stack([_looking_at(scene)])
+    if options.plot and importlib.util.find_spec("matplotlib") is None:
+        parser.error("--plot needs matplotlib: pip install '.[plots]'")
+    scene, poses = load(options.splat)
     print(f"{len(scene)} Gaussians, harmonics of degree {scene.sh_degree}, {os.cpu_count()} cores")
-    by_size(scene, poses, options.repeats)
-    if options.growth:
-        growth(scene, poses[:1], options.repeats)
+    sizes = by_size(scene, poses, options.repeats)
+    sorting(scene, poses)
+    if options.growth or options.plot:
+        cases = growth(options.splat, options.repeats)
+        if options.plot:
+            plot(cases, sizes, options.plot)
     return 0
 
 
-def by_size(scene: GaussianScene, poses: Float64Array, repeats: int) -> None:
+def load(path: Path) -> tuple[GaussianScene, Float64Array]:
+    """The splat, and poses to look at it from, (P, 4, 4)."""
+    if path.is_dir():
+        map_ = open_map(path)
+        poses = map_.references.cam_from_world
+        return map_.scene, poses[np.linspace(0, len(poses) - 1, PLACES + 1).astype(int)[:PLACES]]
+    scene = read_splat(path)
+    return scene, np.stack([_looking_at(scene)])
+
+
+def by_size(
+    scene: GaussianScene, poses: Float64Array, repeats: int
+) -> dict[tuple[int, int], dict[str, float]]:
+    """Prints and returns milliseconds by size and rasterizer."""
+    times: dict[tuple[int, int], dict[str, float]] = {}
+    plain = PlainQuads(scene)
     with Renderer(scene, "gl") as gl, Renderer(scene, "cpu") as cpu:
         print(f"gl: {gl.description}; cpu: {cpu.description}")
         print()
-        print("| size | Gaussians in view | gl, ms | cpu, ms | cpu / gl | cpu, of 640x480 |")
-        print("|---|---|---|---|---|---|")
-        rows = []
-        for width, height in SIZES:
-            camera = _camera(width, height)
-            drawn = np.mean([len(VisibilityOrder(scene).back_to_front(camera, p)) for p in poses])
-            gl_ms, cpu_ms = _time((gl, cpu), camera, poses, repeats)
-            rows.append((width, height, drawn, gl_ms, cpu_ms))
-        full = next(cpu_ms for width, _, _, _, cpu_ms in rows if width == 640)
-        for width, height, drawn, gl_ms, cpu_ms in rows:
-            print(
-                f"| {width}x{height} | {drawn:.0f} | {gl_ms:.0f} | {cpu_ms:.0f} | "
-                f"{cpu_ms / gl_ms:.3f} | {cpu_ms / full:.2f} |"
-            )
+        for size in SIZES:
+            values = _time((gl, plain, cpu), _camera(*size), poses, repeats)
+            times[size] = dict(zip(("gl", "plain", "cpu"), values, strict=True))
+    plain.close()
+    order = VisibilityOrder(scene)
+    print(
+        "| size | Gaussians in view | plain, ms | gl, ms | gl / plain | cpu, ms | cpu / gl | "
+        "cpu, of 640x480 |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for size, its in times.items():
+        drawn = np.mean([len(order.back_to_front(_camera(*size), pose)) for pose in poses])
+        gl_ms, plain_ms, cpu_ms = its["gl"], its["plain"], its["cpu"]
+        print(
+            f"| {size[0]}x{size[1]} | {drawn:.0f} | {plain_ms:.0f} | {gl_ms:.0f} | "
+            f"{gl_ms / plain_ms:.2f} | {cpu_ms:.0f} | {cpu_ms / gl_ms:.3f} | "
+            f"{cpu_ms / times[640, 480]['cpu']:.2f} |"
+        )
+    print()
+    return times
+
+
+def sorting(scene: GaussianScene, poses: Float64Array) -> None:
+    """Prints whole OpenGL calls with the sort by NumPy and by compute shaders."""
+    by_numpy = GlRasterizer(scene, gpu_sort=False)
+    try:
+        by_gpu = GlRasterizer(scene, gpu_sort=True)
+    except RenderError as error:
+        print(f"no sort by compute shaders: {error}")
+    else:
+        numpy_ms, gpu_ms = _time((by_numpy, by_gpu), _camera(320, 240), poses, 5)
+        print(f"gl at 320x240, sorted by NumPy {numpy_ms:.0f} ms, by compute shaders {gpu_ms:.0f}")
+        by_gpu.close()
+    by_numpy.close()
     print()
 
 
-def growth(scene: GaussianScene, poses: Float64Array, repeats: int) -> None:
-    camera = _camera(640, 480)
-    print("| Gaussians | in view | cpu, ms | gl, ms | peak memory so far, MB |")
-    print("|---|---|---|---|---|")
+def growth(path: Path, repeats: int) -> dict[tuple[int, str], Case]:
+    """Prints and returns cases by the number of Gaussians and the rasterizer."""
+    cases: dict[tuple[int, str], Case] = {}
+    processes = multiprocessing.get_context("spawn")
+    print("| Gaussians | in view | cpu, ms | gl, ms | cpu, MB | gl, MB |")
+    print("|---|---|---|---|---|---|")
     for count in COUNTS:
-        larger = tiled(scene, count)
-        drawn = len(VisibilityOrder(larger).back_to_front(camera, poses[0]))
-        times = {}
         for backend in ("cpu", "gl"):
-            with Renderer(larger, backend) as renderer:
-                times[backend] = _time((renderer,), camera, poses, repeats)[0]
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"| {count} | {drawn} | {times['cpu']:.0f} | {times['gl']:.0f} | {peak:.0f} |")
+            with processes.Pool(1) as pool:
+                cases[count, backend] = pool.apply(_case, (path, count, backend, repeats))
+        cpu, gl = cases[count, "cpu"], cases[count, "gl"]
+        print(
+            f"| {count} | {cpu.in_view} | {cpu.milliseconds:.0f} | {gl.milliseconds:.0f} | "
+            f"{cpu.megabytes:.0f} | {gl.megabytes:.0f} |",
+            flush=True,
+        )
+    print()
+    print("640x480, one view; MB: the most that the process held while it rendered.")
+    return cases
+
+
+def _case(path: Path, count: int, backend: str, repeats: int) -> Case:
+    """Measures one rasterizer, in a process that has done nothing else."""
+    scene, poses = load(path)
+    scene, camera = tiled(scene, count), _camera(640, 480)
+    in_view = len(VisibilityOrder(scene).back_to_front(camera, poses[0]))
+    _forget_peak_memory()
+    with Renderer(scene, backend) as renderer:
+        (milliseconds,) = _time((renderer,), camera, poses[:1], repeats)
+    return Case(milliseconds, in_view, _peak_megabytes())
+
+
+def _forget_peak_memory() -> None:
+    """So that loading and tiling do not count; Linux only, without effect elsewhere."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def _peak_megabytes() -> float:
+    status = Path("/proc/self/status")
+    if not status.exists():
+        unit = 2**20 if sys.platform == "darwin" else 2**10
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return float(line.split()[1]) / 1024
+
+
+def plot(
+    cases: dict[tuple[int, str], Case],
+    sizes: dict[tuple[int, int], dict[str, float]],
+    path: Path,
+) -> None:
+    """Time against Gaussians and against pixels, both axes logarithmic."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(9, 3.6), dpi=80, sharey=True)
+    for backend, style in (("gl", "s--"), ("cpu", "o-")):
+        milliseconds = [cases[count, backend].milliseconds for count in COUNTS]
+        _line(left, COUNTS, milliseconds, style, backend)
+        ordered = sorted(sizes, key=lambda size: size[0])
+        pixels = [width * height for width, height in ordered]
+        _line(right, pixels, [sizes[size][backend] for size in ordered], style, backend)
+    left.set_xlabel("Gaussians in the splat, 640x480 pixels")
+    right.set_xlabel("pixels, whole splat")
+    left.set_ylabel("milliseconds a call")
+    left.legend()
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Software": None})
+    pyplot.close(figure)
+
+
+def _line(axes: Any, x: Sequence[float], y: Sequence[float], style: str, label: str) -> None:
+    axes.loglog(x, y, style, label=label)
+    for at, value in zip(x, y, strict=True):
+        axes.annotate(
+            f"{value:.0f}", (at, value), xytext=(0, 6), textcoords="offset points", ha="center"
+        )
+    axes.grid(visible=True, which="both", alpha=0.25)
+    axes.margins(0.1, 0.15)
 
 
 def tiled(scene: GaussianScene, count: int) -> GaussianScene:
@@ -107,7 +237,7 @@ def tiled(scene: GaussianScene, count: int) -> GaussianScene:
 
 
 def _time(
-    renderers: tuple[Renderer, ...], camera: Camera, poses: Float64Array, repeats: int
+    renderers: tuple[Renders, ...], camera: Camera, poses: Float64Array, repeats: int
 ) -> list[float]:
     """Median milliseconds of each renderer, taking turns, after a warm-up."""
     times: list[list[float]] = [[] for _ in renderers]

@@ -7,20 +7,30 @@ import importlib.metadata
 import os
 import platform
 
+import numpy as np
+
 from gscpe import __version__
 from gscpe.cli.common import Commands
-from gscpe.errors import RenderError
-from gscpe.render import choose_backend, driver_info
+from gscpe.errors import GscpeError, RenderError
+from gscpe.geometry import Camera
+from gscpe.render import RenderedView, Renderer, choose_backend, driver_info
+from gscpe.render.context import opengl_facts
+from gscpe.render.diagnosis import OpenGLFacts, findings
+from gscpe.scene import GaussianScene
 
 _REQUIRED = (
     *("moderngl", "numpy", "scipy", "opencv-contrib-python-headless"),
-    *("scikit-image", "tqdm", "trimesh"),
+    *("onnxruntime", "platformdirs", "scikit-image", "tqdm", "trimesh"),
 )
 _OPTIONAL = {
     "numba": "rendering on the CPU, several times faster than OpenGL in software",
     "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
-    "pycolmap": "reading COLMAP models (gscpe build-map)",
+    "onnx": "making trained networks: gscpe models install",
+    "pycolmap": "reading COLMAP models (gscpe build-map), and its RANSAC",
 }
+_CAMERA = Camera.pinhole(64, 48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
+_COLOUR_TOLERANCE = 1.0 / 255.0
+_DEPTH_TOLERANCE = 1e-3
 
 
 def add_parser(commands: Commands) -> None:
@@ -32,25 +42,94 @@ def run(options: argparse.Namespace) -> int:
     print(f"gscpe {__version__}, Python {platform.python_version()}, {platform.platform()}")
     print(f"{os.cpu_count()} CPU cores")
     for package in _REQUIRED:
-        print(f"{package:<32} {_version(package) or 'MISSING: pip install ' + package}")
+        _line(package, _version(package) or f"MISSING: pip install {package}")
     for package, use in _OPTIONAL.items():
-        version = _version(package)
-        print(f"{package:<32} {version or f'missing (optional), for {use}: pip install {package}'}")
+        missing = f"missing (optional), for {use}: pip install {package}"
+        _line(package, _version(package) or missing)
+    facts = _print_driver()
+    views = {backend: view for backend in ("gl", "cpu") if (view := _try(backend)) is not None}
+    agree = len(views) < 2 or _agree(views["gl"], views["cpu"])
+    return _verdict(views, agree, facts.is_software)
+
+
+def _print_driver() -> OpenGLFacts:
     try:
         driver = driver_info()
+    except RenderError:
+        _line("OpenGL", "missing")
+    else:
         kind = "software, on the CPU" if driver.is_software else "hardware"
-        print(f"{'OpenGL driver':<32} {driver.renderer} ({kind})")
-        print(f"{'OpenGL version':<32} {driver.version}")
-    except RenderError as error:
-        print(f"{'OpenGL':<32} missing: {error}")
+        _line("OpenGL driver", f"{driver.renderer} ({kind}), by {driver.reached_by}")
+        _line("OpenGL version", driver.version)
+    facts = opengl_facts()
+    for attempt in facts.failures:
+        _line(f"  tried {attempt.way}", attempt.error)
+    for finding in findings(facts):
+        print(f"  - {finding.problem}:\n    {finding.remedy}")
+    return facts
+
+
+def _try(backend: str) -> RenderedView | None:
+    """A tiny scene, rendered; None where that fails, which is printed."""
+    try:
+        with Renderer(tiny_scene(), backend) as renderer:
+            view = renderer.render(_CAMERA, np.eye(4))
+    except GscpeError as error:
+        _line(f"rendering with {backend}", f"FAILED: {error}")
+        return None
+    if not np.isfinite(view.rgb).all() or float(view.opacity.max()) < 0.5:
+        _line(f"rendering with {backend}", "FAILED: the picture is empty or not finite")
+        return None
+    _line(f"rendering with {backend}", "works")
+    return view
+
+
+def tiny_scene() -> GaussianScene:
+    """50 Gaussians in a row, of all colours, from 1.5 to 4 units before the camera."""
+    along = np.linspace(-1.0, 1.0, 50, dtype=np.float32)
+    quaternions = np.stack([np.cos(along), 0 * along, 0 * along, np.sin(along)], axis=1)
+    return GaussianScene(
+        means=np.stack([along, 0.7 * np.sin(5 * along), 2.75 + 1.25 * along], axis=1),
+        quaternions=quaternions,
+        scales=np.tile(np.array([0.2, 0.1, 0.05], dtype=np.float32), (50, 1)),
+        opacities=np.linspace(0.3, 0.95, 50, dtype=np.float32),
+        sh=np.stack([along, -along, np.cos(3 * along)], axis=1)[:, None],
+    )
+
+
+def _agree(gl: RenderedView, cpu: RenderedView) -> bool:
+    colour = float(np.abs(gl.rgb - cpu.rgb).max())
+    depth = float(np.abs(gl.depth - cpu.depth)[(gl.opacity > 0.1) & (cpu.opacity > 0.1)].max())
+    agree = colour <= _COLOUR_TOLERANCE and depth <= _DEPTH_TOLERANCE
+    word = "yes" if agree else "NO"
+    _line("do they agree", f"{word}: colours to {colour:.1g}, depths to {depth:.1g}")
+    return agree
+
+
+def _verdict(views: dict[str, RenderedView], agree: bool, is_software: bool) -> int:
     try:
         backend = choose_backend()
     except RenderError:
         print("nothing to render with: install OpenGL or Numba, as said above")
         return 1
-    print(f"{'backend':<32} {backend}")
+    reason = "OpenGL runs on a GPU"
+    if backend == "cpu":
+        reason = "faster than OpenGL in software" if "gl" in views else "there is no OpenGL"
+    elif is_software:
+        reason = "OpenGL in software, since Numba is missing"
+    _line("backend that auto takes", f"{backend}: {reason}")
+    if backend not in views:
+        print("rendering fails with the backend that is taken; the reason is above")
+        return 1
+    if not agree:
+        print("the two ways of rendering disagree: update the graphics driver, or use another")
+        return 1
     print("all is well: gscpe demo shows it at work")
     return 0
+
+
+def _line(name: str, text: str) -> None:
+    print(f"{name:<32} {text}")
 
 
 def _version(package: str) -> str | None:

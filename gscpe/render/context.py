@@ -1,70 +1,173 @@
-"""Creates off-screen OpenGL contexts, and says what is missing when that fails."""
+"""Creates off-screen OpenGL contexts, and finds out what stands in the way of one."""
 
 from __future__ import annotations
 
+import functools
+import importlib.util
+import logging
+import os
 import sys
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Callable, Iterator
 
 import moderngl
 
 from gscpe.errors import RenderError
+from gscpe.render.diagnosis import VARIABLES, Attempt, OpenGLFacts, summary
+from gscpe.render.osmesa import OSMesaContext
 
 REQUIRED_GL = 330
 
 # The names with a version are there without the development packages.
 _EGL: dict[str, Any] = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
-
-_REMEDY_LINUX = (
-    "install the system libraries for off-screen OpenGL "
-    "(Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri), then run: gscpe doctor"
+_X11: dict[str, Any] = {"libgl": "libGL.so.1", "libx11": "libX11.so.6"}
+_EGL_DEVICES = 16
+_SOFTWARE = (
+    *("llvmpipe", "softpipe", "swrast", "swr ", "lavapipe", "swiftshader"),
+    *("software", "gdi generic", "basic render"),
 )
-_REMEDY_OTHER = "install or update the graphics driver, then run: gscpe doctor"
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class DriverInfo:
-    """The OpenGL driver: its names, its version as 330 for 3.3, and whether it is a CPU."""
+    """The OpenGL driver: its names, its version as 330 for 3.3, whether it is a CPU, and
+    through which library it was reached."""
 
     renderer: str
     vendor: str
     version: str
     version_code: int
     is_software: bool
+    reached_by: str = ""
 
 
 def create_context() -> moderngl.Context:
-    """A new off-screen context with OpenGL 3.3 or later: EGL on Linux, native elsewhere.
+    """A new off-screen context with OpenGL 3.3 or later.
+
+    On Linux: from the first EGL device that works, else from the X server of DISPLAY, else from
+    libOSMesa; elsewhere the system's own.
 
     Raises:
-        RenderError: there is no such context to be had; the message says what to install.
+        RenderError: there is no such context to be had; the message says what to install. Or
+            this process was forked from one that has used OpenGL.
     """
-    linux = sys.platform.startswith("linux")
-    try:
-        if linux:
-            context = moderngl.create_context(standalone=True, **_EGL)
-        else:
-            context = moderngl.create_context(standalone=True)
-    except Exception as error:  # moderngl raises plain Exception when a library is missing
-        remedy = _REMEDY_LINUX if linux else _REMEDY_OTHER
-        raise RenderError(f"no off-screen OpenGL 3.3 context ({error}); {remedy}") from error
+    check_process(_first_process())
+    context, failures = _first_context()
+    if context is None:
+        raise RenderError(summary(OpenGLFacts(platform=sys.platform, failures=failures)))
     if context.version_code < REQUIRED_GL:
         found = context.info["GL_VERSION"]
         context.release()
         raise RenderError(f"the OpenGL driver is too old: {found}, 3.3 is needed; update it")
+    if failures:
+        tried = "; ".join(f"{attempt.way}: {attempt.error}" for attempt in failures)
+        _log.warning("OpenGL by %s, since others failed (%s)", context.extra, tried)
     return context
+
+
+@functools.cache
+def _first_process() -> int:
+    """The process in which OpenGL was first used; a forked one remembers its parent's."""
+    return os.getpid()
+
+
+def check_process(owner: int) -> None:
+    """Refuses to go on in a fork: a driver's threads and device handles stay behind in the
+    parent, and calls wait for them for ever.
+
+    Args:
+        owner: the process that made the context or, before the first one, this one.
+
+    Raises:
+        RenderError: this process is a fork of the owner.
+    """
+    if os.getpid() != owner:
+        raise RenderError(
+            "OpenGL was used before this process was forked, and does not survive that; start "
+            "processes with multiprocessing.get_context('spawn'), or use backend='cpu'"
+        )
+
+
+def _first_context() -> tuple[moderngl.Context | None, tuple[Attempt, ...]]:
+    """The first context that can be had, and what failed before."""
+    failures: list[Attempt] = []
+    no_more_egl = False
+    for way, options in _ways():
+        if no_more_egl and way.startswith("EGL"):
+            continue
+        try:
+            context = moderngl.create_context(standalone=True, **options())
+        except Exception as error:  # moderngl and glcontext raise plain Exception
+            text = str(error)
+            # An error about the list of devices, or the library, holds for all of them.
+            no_more_egl = "device index" in text or "not loaded" in text or "not found" in text
+            if not ("device index" in text and failures):
+                failures.append(Attempt(way, text))
+            continue
+        context.extra = way
+        return context, tuple(failures)
+    return None, tuple(failures)
+
+
+def _ways() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Ways to make a context, with the options that moderngl needs, best first."""
+    if not sys.platform.startswith("linux"):
+        yield "the system", dict
+        return
+    chosen = os.environ.get("GLCONTEXT_DEVICE_INDEX")  # glcontext reads it
+    for index in range(1 if chosen else _EGL_DEVICES):
+        yield (
+            f"EGL device {chosen or index}",
+            lambda index=index: _EGL | {"device_index": index},  # type: ignore[misc]
+        )
+    if os.environ.get("DISPLAY"):
+        yield "X11", lambda: _X11
+    yield "OSMesa", lambda: {"context": OSMesaContext()}
+
+
+def opengl_facts() -> OpenGLFacts:
+    """What there is on this machine, for :func:`gscpe.render.diagnosis.findings`.
+
+    Raises:
+        RenderError: this process was forked from one that has used OpenGL.
+    """
+    check_process(_first_process())
+    context, failures = _first_context()
+    facts = OpenGLFacts(
+        platform="linux" if sys.platform.startswith("linux") else sys.platform,
+        failures=failures,
+        device_nodes={
+            str(node): os.access(node, os.R_OK | os.W_OK)
+            for node in sorted(Path("/dev/dri").glob("renderD*"))
+        },
+        has_nvidia=Path("/proc/driver/nvidia/version").exists(),
+        has_numba=importlib.util.find_spec("numba") is not None,
+        variables={name: os.environ[name] for name in VARIABLES if name in os.environ},
+    )
+    if context is None:
+        return facts
+    info = describe(context)
+    context.release()
+    if info.version_code < REQUIRED_GL:
+        old = Attempt(info.reached_by, f"the driver is too old: {info.version}")
+        return replace(facts, failures=(*failures, old))
+    return replace(facts, renderer=info.renderer, is_software=info.is_software)
 
 
 def describe(context: moderngl.Context) -> DriverInfo:
     """The driver behind a context."""
     renderer = str(context.info["GL_RENDERER"])
-    software = any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swrast"))
+    software = any(name in renderer.lower() for name in _SOFTWARE)
     return DriverInfo(
         renderer=renderer,
         vendor=str(context.info["GL_VENDOR"]),
         version=str(context.info["GL_VERSION"]),
         version_code=int(context.version_code),
         is_software=software,
+        reached_by=str(context.extra or ""),
     )
 
 
@@ -79,3 +182,18 @@ def driver_info() -> DriverInfo:
         return describe(context)
     finally:
         context.release()
+
+
+def check_errors(context: moderngl.Context, doing: str) -> None:
+    """Raises what OpenGL has reported since the last call.
+
+    Raises:
+        RenderError: with OpenGL's word for it and the driver's name.
+    """
+    error = str(context.error)
+    if error == "GL_NO_ERROR":
+        return
+    remedy = "; render smaller images or a smaller splat" if error == "GL_OUT_OF_MEMORY" else ""
+    raise RenderError(
+        f"OpenGL reported {error} when {doing} ({context.info['GL_RENDERER']}){remedy}"
+    )

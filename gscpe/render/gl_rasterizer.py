@@ -1,18 +1,28 @@
-"""Renders a Gaussian splat with instanced, depth-sorted quads (OpenGL 3.3, any driver)."""
+"""Renders a Gaussian splat with instanced, depth-sorted quads (OpenGL 3.3, any driver).
+
+The Gaussians are culled and sorted by NumPy or, on GPUs with OpenGL 4.3, by the GPU.
+"""
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from gscpe.arrays import Float32Array, Float64Array
 from gscpe.errors import RenderError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
-from gscpe.render.context import DriverInfo, create_context, describe
+from gscpe.render.context import (
+    DriverInfo,
+    check_errors,
+    check_process,
+    create_context,
+    describe,
+)
+from gscpe.render.gpu_sort import GL_NEEDED, GpuOrder, pays_on
 from gscpe.render.shader_source import shader_source
 from gscpe.render.splatting import SlopeLimits
 from gscpe.render.targets import ImageTargets, ProjectionTargets, data_texture
@@ -26,13 +36,20 @@ _SIZES_KEPT = 4
 class GlRasterizer:
     """Implements :class:`gscpe.render.rasterizer.Rasterizer` with an OpenGL context of its own.
 
+    Args:
+        scene: the splat.
+        gpu_sort: whether the GPU culls and sorts; None: where the driver is a GPU's and has
+            compute shaders (:func:`gscpe.render.gpu_sort.pays_on`).
+
     Raises:
         RenderError: OpenGL is missing, too old, or failed.
     """
 
-    def __init__(self, scene: GaussianScene) -> None:
+    def __init__(self, scene: GaussianScene, gpu_sort: bool | None = None) -> None:
         self._context: moderngl.Context | None = create_context()
-        self._order = VisibilityOrder(scene)
+        self._process = os.getpid()
+        self._cpu_order: VisibilityOrder | None = None
+        self._gpu_order: GpuOrder | None = None
         self._antialiased = scene.antialiased
         self._owned: list[Any] = []
         self._image_targets: dict[tuple[int, int], ImageTargets] = {}
@@ -40,11 +57,19 @@ class GlRasterizer:
             with self._context:
                 self.driver: DriverInfo = describe(self._context)
                 self._upload(self._context, scene)
+                if gpu_sort is None:
+                    gpu_sort = pays_on(self.driver)
+                if gpu_sort:
+                    self._gpu_order = self._make_gpu_order(self._context, len(scene))
+                else:
+                    self._cpu_order = VisibilityOrder(scene)
                 self.description = f"OpenGL, {self.driver.renderer}"
-                self._check_errors("uploading the splat")
+                check_errors(self._context, "uploading the splat")
         except moderngl.Error as error:
             self.close()
-            raise RenderError(f"OpenGL failed to set up: {error}") from error
+            raise RenderError(
+                f"OpenGL failed to set up: {error} ({self.driver.renderer})"
+            ) from error
         except BaseException:
             self.close()
             raise
@@ -68,11 +93,20 @@ class GlRasterizer:
         self._splat_program = self._own(
             context.program(
                 vertex_shader=shader_source("splat.vert"),
-                fragment_shader=shader_source("splat.frag"),
+                fragment_shader=shader_source(
+                    "splat.frag", {"BLEND_FAINT": 1} if self.driver.is_software else None
+                ),
             )
         )
         self._cover = self._own(context.vertex_array(self._project_program, []))
         self._quads = self._own(context.vertex_array(self._splat_program, []))
+
+    def _make_gpu_order(self, context: moderngl.Context, count: int) -> GpuOrder:
+        if self.driver.version_code < GL_NEEDED:
+            raise RenderError(f"sorting on the GPU needs OpenGL 4.3; this is {self.driver.version}")
+        order = GpuOrder(context, count, self._gaussians, self._projection)
+        self._owned.append(order)
+        return order
 
     def _own(self, resource: Any) -> Any:
         self._owned.append(resource)
@@ -81,13 +115,29 @@ class GlRasterizer:
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         if self._context is None:
             raise RenderError("this rasterizer is closed")
-        order = self._order.back_to_front(camera, cam_from_world)
+        check_process(self._process)
         with self._context as context:
-            targets = self._targets_for(context, camera.width, camera.height)
-            self._project(order, camera, cam_from_world)
-            colour, moments = self._splat(context, targets, len(order), camera)
-            self._check_errors("rendering")
+            try:
+                targets = self._targets_for(context, camera.width, camera.height)
+                count = self._sort(camera, cam_from_world)
+                self._project(count, camera, cam_from_world)
+                colour, moments = self._splat(context, targets, count, camera)
+            except moderngl.Error as error:
+                raise RenderError(
+                    f"OpenGL failed to render: {error} ({self.driver.renderer})"
+                ) from error
+            check_errors(context, f"rendering {camera.width}x{camera.height} pixels")
         return _to_view(colour, moments, camera, cam_from_world)
+
+    def _sort(self, camera: Camera, cam_from_world: Float64Array) -> int | None:
+        """Puts the draw order in place; returns its length where it is known here."""
+        if self._gpu_order is not None:
+            self._gpu_order.update(camera, cam_from_world)
+            return None
+        assert self._cpu_order is not None
+        order = self._cpu_order.back_to_front(camera, cam_from_world)
+        self._projection.write_order(order)
+        return len(order)
 
     def _targets_for(self, context: moderngl.Context, width: int, height: int) -> ImageTargets:
         """Targets of this size, kept for the last few sizes (a pyramid alternates them)."""
@@ -104,19 +154,25 @@ class GlRasterizer:
         self._image_targets[width, height] = targets
         return targets
 
-    def _project(
-        self, order: NDArray[np.uint32], camera: Camera, cam_from_world: Float64Array
-    ) -> None:
-        program, limits = self._project_program, SlopeLimits.of(camera)
-        self._projection.write_order(order)
+    def _project(self, count: int | None, camera: Camera, cam_from_world: Float64Array) -> None:
+        program = self._project_program
         self._projection.order.use(0)
         self._gaussians.use(1)
         self._harmonics.use(2)
-        values: dict[str, Any] = {
-            "order": 0,
+        self._projection.visible_count.use(3)
+        values = self._projection_values(camera, cam_from_world)
+        for name, value in (values | {"order": 0, "visible_count": 3}).items():
+            if name in program:  # at degree 0 the compiler drops the view direction
+                program[name].value = value
+        self._projection.use(count)
+        self._cover.render(moderngl.TRIANGLES, vertices=3)
+
+    def _projection_values(self, camera: Camera, cam_from_world: Float64Array) -> dict[str, Any]:
+        """The uniforms of ``projection.glsl``; its textures are bound to 1 and 2."""
+        limits = SlopeLimits.of(camera)
+        return {
             "gaussians": 1,
             "harmonics": 2,
-            "visible_count": len(order),
             "camera_centre": tuple(camera_centre(cam_from_world)),
             "focal": (camera.fx, camera.fy),
             "principal": (camera.cx, camera.cy),
@@ -124,14 +180,9 @@ class GlRasterizer:
             "antialiased": self._antialiased,
             "cam_from_world": [tuple(row) for row in cam_from_world[:3]],
         }
-        for name, value in values.items():
-            if name in program:  # at degree 0 the compiler drops the view direction
-                program[name].value = value
-        self._projection.use(len(order))
-        self._cover.render(moderngl.TRIANGLES, vertices=3)
 
     def _splat(
-        self, context: moderngl.Context, targets: ImageTargets, count: int, camera: Camera
+        self, context: moderngl.Context, targets: ImageTargets, count: int | None, camera: Camera
     ) -> tuple[Float32Array, Float32Array]:
         program = self._splat_program
         for unit, name in enumerate(("ellipses", "extents", "colours")):
@@ -139,21 +190,24 @@ class GlRasterizer:
             program[name].value = unit
         program["image_size"].value = (camera.width, camera.height)
         targets.clear_and_use()
-        if count:
-            context.enable_only(moderngl.BLEND)
-            context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
-            self._quads.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
-            context.enable_only(moderngl.NOTHING)
+        self._draw_quads(context, count)
         return targets.read()
 
-    def _check_errors(self, doing: str) -> None:
-        assert self._context is not None
-        error = self._context.error
-        if error != "GL_NO_ERROR":
-            raise RenderError(f"OpenGL reported {error} when {doing} ({self.driver.renderer})")
+    def _draw_quads(self, context: moderngl.Context, count: int | None) -> None:
+        context.enable_only(moderngl.BLEND)
+        context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        if count is None:
+            assert self._gpu_order is not None
+            self._quads.render_indirect(self._gpu_order.draw, moderngl.TRIANGLE_STRIP, count=1)
+        elif count:
+            self._quads.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
+        context.enable_only(moderngl.NOTHING)
 
     def close(self) -> None:
         if self._context is None:
+            return
+        if os.getpid() != self._process:  # a fork; what is on the driver is the parent's
+            self._context = None
             return
         with self._context:
             for targets in self._image_targets.values():

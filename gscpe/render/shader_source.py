@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Mapping
 
@@ -12,15 +13,30 @@ _FOLDERS = (_PACKAGE / "shaders", _PACKAGE.parent / "shaders")
 
 
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
-    """The text of ``shaders/<name>`` with ``#define`` lines put after its ``#version``.
+    """The text of ``shaders/<name>``, as :func:`with_includes` completes it.
 
     Raises:
-        RenderError: the file is not part of the installation.
+        RenderError: the file, or one that it includes, is not part of the installation.
     """
+    return with_includes(_read(name), defines)
+
+
+def with_includes(source: str, defines: Mapping[str, int] | None = None) -> str:
+    """GLSL with ``#define`` lines put after its ``#version``, and ``#include "name"`` lines,
+    which GLSL itself does not have, replaced by ``shaders/<name>``.
+
+    Raises:
+        RenderError: an included file is not part of the installation.
+    """
+    version, rest = source.split("\n", 1)
+    rest = re.sub(r'^#include "([^"]+)"$', lambda match: _read(match[1]), rest, flags=re.M)
+    lines = [f"#define {key} {value}" for key, value in (defines or {}).items()]
+    return "\n".join([version, *lines, rest])
+
+
+def _read(name: str) -> str:
     for folder in _FOLDERS:
         path = folder / name
         if path.is_file():
-            version, rest = path.read_text().split("\n", 1)
-            lines = [f"#define {key} {value}" for key, value in (defines or {}).items()]
-            return "\n".join([version, *lines, rest])
+            return path.read_text()
     raise RenderError(f"shader {name} is missing from the installation; install gscpe again")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gscpe.arrays import Float32Array
 from gscpe.errors import RenderError
+from gscpe.render.context import check_errors
 
 _ORDER_WIDTH = 1024
 _DATA_WIDTH = 4096
@@ -29,8 +30,24 @@ def data_texture(context: moderngl.Context, texels: Float32Array) -> moderngl.Te
         raise RenderError(f"the splat is too large for this driver ({count} texels)")
     padded = np.zeros((width * height, components), dtype=np.float32)
     padded[:count] = texels
-    texture = context.texture((width, height), components, padded.tobytes(), dtype="f4")
+    return _texture(context, (width, height), components, "f4", padded)
+
+
+def _texture(
+    context: moderngl.Context,
+    size: tuple[int, int],
+    components: int,
+    dtype: str,
+    texels: Float32Array | None = None,
+) -> moderngl.Texture:
+    texture = context.texture(size, components, texels, dtype=dtype)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    try:
+        # A driver without memory for it reports so, and hands out a texture all the same.
+        check_errors(context, f"allocating a texture of {size[0]}x{size[1]}")
+    except RenderError:
+        texture.release()
+        raise
     return texture
 
 
@@ -40,55 +57,85 @@ class ProjectionTargets:
     def __init__(self, context: moderngl.Context, capacity: int) -> None:
         self._rows = -(-capacity // _ORDER_WIDTH)
         size = (_ORDER_WIDTH, self._rows)
-        self.order = context.texture(size, 1, dtype="u4")
-        self.order.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.textures = [context.texture(size, 4, dtype="f4") for _ in range(3)]
-        for texture in self.textures:
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._framebuffer = context.framebuffer(self.textures)
+        self._owned: list[Any] = []
+        try:
+            self.order = self._own(_texture(context, size, 1, "u4"))
+            self.visible_count = self._own(_texture(context, (1, 1), 1, "u4"))
+            self.textures = [self._own(_texture(context, size, 4, "f4")) for _ in range(3)]
+            self._framebuffer = self._own(context.framebuffer(self.textures))
+        except BaseException:
+            self.release()
+            raise
+
+    def _own(self, resource: Any) -> Any:
+        self._owned.append(resource)
+        return resource
 
     def write_order(self, order: NDArray[np.uint32]) -> None:
+        self.visible_count.write(np.array([len(order)], dtype=np.uint32))
         rows = -(-len(order) // _ORDER_WIDTH)
         if rows:
             padded = np.zeros(rows * _ORDER_WIDTH, dtype=np.uint32)
             padded[: len(order)] = order
             self.order.write(padded, viewport=(0, 0, _ORDER_WIDTH, rows))
 
-    def use(self, count: int) -> None:
-        """Makes this the target, limited to the rows that ``count`` Gaussians need."""
+    def read_order(self) -> NDArray[np.uint32]:
+        """The draw order, (M,) uint32; waits for the driver. For tests."""
+        (count,) = np.frombuffer(self.visible_count.read(), dtype=np.uint32)
+        return np.frombuffer(self.order.read(), dtype=np.uint32)[:count]
+
+    def use(self, count: int | None) -> None:
+        """Makes this the target, limited to the rows that ``count`` Gaussians need; all rows
+        where only the GPU knows how many there are."""
+        rows = self._rows if count is None else max(1, -(-count // _ORDER_WIDTH))
         self._framebuffer.use()
-        self._framebuffer.viewport = (0, 0, _ORDER_WIDTH, max(1, -(-count // _ORDER_WIDTH)))
+        self._framebuffer.viewport = (0, 0, _ORDER_WIDTH, rows)
 
     def release(self) -> None:
-        self._framebuffer.release()
-        for texture in (*self.textures, self.order):
-            texture.release()
+        for resource in reversed(self._owned):
+            resource.release()
+        self._owned.clear()
 
 
 class ImageTargets:
-    """Colour and depth moments in single precision."""
+    """Colour with opacity, and two depth moments, in single precision.
+
+    Blending takes the opacity from the shader, so the moments need no fourth channel.
+    """
+
+    _CHANNELS = (4, 2)
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
         self.size = (width, height)
-        self._textures = [context.texture(self.size, 4, dtype="f4") for _ in range(2)]
-        self._framebuffer = context.framebuffer(self._textures)
+        self._textures: list[moderngl.Texture] = []
+        self._framebuffer: moderngl.Framebuffer | None = None
+        try:
+            for channels in self._CHANNELS:
+                self._textures.append(_texture(context, self.size, channels, "f4"))
+            self._framebuffer = context.framebuffer(self._textures)
+        except BaseException:
+            self.release()
+            raise
 
     def clear_and_use(self) -> None:
+        assert self._framebuffer is not None
         self._framebuffer.use()
         self._framebuffer.viewport = (0, 0, *self.size)
         self._framebuffer.clear()
 
     def read(self) -> tuple[Float32Array, Float32Array]:
-        """Colour and moments, (H, W, 4) each."""
-        colour, moments = (self._read(attachment) for attachment in range(2))
+        """Colour with opacity, (H, W, 4), and the moments, (H, W, 2)."""
+        colour, moments = (self._read(i, channels) for i, channels in enumerate(self._CHANNELS))
         return colour, moments
 
-    def _read(self, attachment: int) -> Float32Array:
-        data: Any = self._framebuffer.read(components=4, attachment=attachment, dtype="f4")
+    def _read(self, attachment: int, channels: int) -> Float32Array:
+        assert self._framebuffer is not None
         width, height = self.size
-        return np.frombuffer(data, dtype=np.float32).reshape(height, width, 4)
+        data: Any = self._framebuffer.read(components=channels, attachment=attachment, dtype="f4")
+        return np.frombuffer(data, dtype=np.float32).reshape(height, width, channels)
 
     def release(self) -> None:
-        self._framebuffer.release()
+        if self._framebuffer is not None:
+            self._framebuffer.release()
         for texture in self._textures:
             texture.release()
