@@ -78,12 +78,12 @@ def test_invalid_places_are_left_out() -> None:
     valid = np.ones((CAMERA.height, CAMERA.width), dtype=bool)
     valid[:, 120:] = False
     matcher = SiftMatcher()
-    features = matcher.prepare(picture(), valid)
-    assert 50 < len(features) < len(matcher.prepare(picture(), None))
-    assert features.pixels[:, 0].max() <= 121.0
-    matches = matcher.match(features, matcher.prepare(picture(), None))
+    prepared = matcher.prepare(picture(), valid)
+    assert 50 < len(prepared.features) < len(matcher.prepare(picture(), None).features)
+    assert prepared.features.pixels[:, 0].max() <= 121.0
+    matches = matcher.match(prepared, matcher.prepare(picture(), None))
     assert matches.photo_pixels[:, 0].max() <= 121.0
-    assert len(matcher.prepare(picture(), np.zeros_like(valid))) == 0
+    assert len(matcher.prepare(picture(), np.zeros_like(valid)).features) == 0
 
 
 def test_matches_are_one_to_one_and_scored() -> None:

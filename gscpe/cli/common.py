@@ -28,6 +28,17 @@ def add_backend(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_matcher(parser: argparse.ArgumentParser) -> None:
+    """``--matcher``, for the commands that localize."""
+    parser.add_argument(
+        "--matcher",
+        metavar="NAME",
+        default="auto",
+        help="what matches photo and render: sift, xfeat, xfeat+lighterglue, onnx:PATH, or auto "
+        "(default: xfeat where it is installed, see gscpe models, else sift)",
+    )
+
+
 def print_json(data: Any) -> None:
     """Prints data as JSON."""
     print(json.dumps(data, indent=2))

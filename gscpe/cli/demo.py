@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from gscpe.cli.common import Commands, add_backend, print_json, show_progress
+from gscpe.cli.common import Commands, add_backend, add_matcher, print_json, show_progress
 from gscpe.evaluation.demo import DemoReport, run_demo
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.scene.pose_file import format_pose
@@ -19,12 +19,13 @@ def add_parser(commands: Commands) -> None:
         "--output", default="gscpe-demo", help="folder of the pictures (default: %(default)s)"
     )
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+    add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    report = run_demo(options.output, options.backend, progress=show_progress())
+    report = run_demo(options.output, options.backend, show_progress(), options.matcher)
     if options.json:
         print_json(_as_json(report))
     else:
@@ -50,7 +51,7 @@ def _as_json(report: DemoReport) -> dict[str, Any]:
         "true_cam_from_world": format_pose(report.true_cam_from_world),
         "coarse": stage(coarse.cam_from_world, report.coarse_error)
         | {"matches": coarse.matches, "inliers": coarse.inliers},
-        "refined": stage(refined.cam_from_world, report.refined_error)
+        "refined": stage(report.result.cam_from_world, report.refined_error)
         | {"agreement": refined.agreement, "residual": refined.residual},
         "seconds": report.seconds,
         "pictures": {name: str(path) for name, path in report.pictures.items()},

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.batch import check_outputs, localize_list, read_details, result_details, write_poses
-from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, print_json, show_progress
+from gscpe.cli.common import (
+    CAMERA_HELP,
+    Commands,
+    add_backend,
+    add_matcher,
+    print_json,
+    show_progress,
+)
 from gscpe.errors import OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localizer import Localizer
@@ -33,6 +40,7 @@ def add_parser(commands: Commands) -> None:
         help="a line a query with all that is known (default: beside the output)",
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)
 
@@ -72,7 +80,9 @@ def _localize_photo(options: argparse.Namespace) -> int:
 
 
 def _localizer(options: argparse.Namespace, map_: Map) -> Localizer:
-    return Localizer(map_, backend=options.backend, progress=show_progress())
+    return Localizer(
+        map_, matcher=options.matcher, backend=options.backend, progress=show_progress()
+    )
 
 
 def _localize_queries(options: argparse.Namespace) -> int:
@@ -97,7 +107,7 @@ def _localize_queries(options: argparse.Namespace) -> int:
         finally:  # also when interrupted: what is finished is written
             finished = read_details(details_path)
             details = [finished[query.name] for query in queries if query.name in finished]
-            write_poses(details, output, "refined")
+            write_poses(details, output, "final")
             if options.coarse_output:
                 write_poses(details, options.coarse_output, "coarse")
             if len(details) < len(queries):

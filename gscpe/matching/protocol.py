@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 
 
@@ -23,6 +25,11 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.scores)
+
+
+def no_matches() -> Matches:
+    """What images without features give."""
+    return Matches(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=np.float32))
 
 
 class Matcher(Protocol):

@@ -1,4 +1,4 @@
-"""RootSIFT with Lowe's ratio test and a mutual check."""
+"""RootSIFT with Lowe's ratio test and a mutual check, polished to sub-pixel."""
 
 from __future__ import annotations
 
@@ -9,19 +9,36 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
 from gscpe.errors import SettingsError
 from gscpe.features import LocalFeatures, SiftSettings, extract_sift
-from gscpe.matching.protocol import Matches
+from gscpe.matching.nearest import mutual_nearest
+from gscpe.matching.polish import PolishSettings, for_polishing, polish
+from gscpe.matching.protocol import Matches, no_matches
 
 
 @dataclass(frozen=True)
 class SiftMatcherSettings:
-    """Feature extraction, and the largest ratio of best to second-best distance."""
+    """How images are matched.
+
+    Attributes:
+        sift: feature extraction.
+        ratio: largest ratio of best to second-best distance.
+        polish: None leaves the matches where SIFT put them.
+    """
 
     sift: SiftSettings = field(default_factory=SiftSettings)
     ratio: float = 0.85
+    polish: PolishSettings | None = field(default_factory=PolishSettings)
 
     def __post_init__(self) -> None:
         if not 0 < self.ratio <= 1:
             raise SettingsError(f"ratio must lie in (0, 1], not {self.ratio}")
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedImage:
+    """Features of an image, and what polishing needs of it, (H, W) uint8 or None."""
+
+    features: LocalFeatures
+    normalized: UInt8Array | None
 
 
 class SiftMatcher:
@@ -30,27 +47,29 @@ class SiftMatcher:
     def __init__(self, settings: SiftMatcherSettings | None = None) -> None:
         self._settings = settings or SiftMatcherSettings()
 
-    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> LocalFeatures:
-        return extract_sift(rgb, self._settings.sift, valid)
-
-    def match(self, photo: LocalFeatures, render: LocalFeatures) -> Matches:
-        if len(photo) < 2 or len(render) < 2:
-            empty = np.zeros((0, 2))
-            return Matches(empty, empty, np.zeros(0, dtype=np.float32))
-        similarity = photo.descriptors @ render.descriptors.T
-        rows = np.arange(len(photo))
-        best = similarity.argmax(axis=1)
-        mutual = similarity.argmax(axis=0)[best] == rows
-        best_similarity = similarity[rows, best]
-        similarity[rows, best] = -1.0
-        second_similarity = similarity.max(axis=1)
-        ratio = _distance(best_similarity) / np.maximum(_distance(second_similarity), 1e-6)
-        kept = np.flatnonzero(mutual & (ratio < self._settings.ratio))
-        return Matches(
-            photo_pixels=photo.pixels[kept],
-            render_pixels=render.pixels[best[kept]],
-            scores=np.asarray(1.0 - ratio[kept], dtype=np.float32),
+    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> PreparedImage:
+        return PreparedImage(
+            extract_sift(rgb, self._settings.sift, valid),
+            for_polishing(rgb, self._settings.polish),
         )
+
+    def match(self, photo: PreparedImage, render: PreparedImage) -> Matches:
+        if len(photo.features) < 2 or len(render.features) < 2:
+            return no_matches()
+        similarity = photo.features.descriptors @ render.features.descriptors.T
+        rows, columns = mutual_nearest(similarity)
+        best = similarity[rows, columns]
+        similarity[rows, columns] = -1.0
+        second = similarity[rows].max(axis=1)
+        ratio = _distance(best) / np.maximum(_distance(second), 1e-6)
+        kept = ratio < self._settings.ratio
+        photo_pixels = photo.features.pixels[rows[kept]]
+        render_pixels = render.features.pixels[columns[kept]]
+        render_pixels = polish(
+            photo.normalized, render.normalized, photo_pixels, render_pixels, self._settings.polish
+        )
+        scores = np.asarray(1.0 - ratio[kept], dtype=np.float32)
+        return Matches(photo_pixels, render_pixels, scores)
 
 
 def _distance(cosine: Float32Array) -> Float32Array:
