@@ -173,7 +173,7 @@ def test_impossible_references_are_noticed(change: dict[str, object], folder: Pa
         open_map(folder)
 
 
-@pytest.mark.parametrize("version", [3, 99])
+@pytest.mark.parametrize("version", [4, 99])
 def test_a_newer_version_asks_for_an_update(version: int, folder: Path) -> None:
     manifest = json.loads((folder / "map.json").read_text())
     (folder / "map.json").write_text(json.dumps(manifest | {"version": version}))

@@ -6,6 +6,7 @@ import argparse
 
 from gscpe.cli.common import Commands, add_backend, show_progress
 from gscpe.mapping import MapSettings, build_map, check_frames
+from gscpe.retrieval import METHODS, check_method
 from gscpe.scene import read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
@@ -39,6 +40,14 @@ def add_parser(commands: Commands) -> None:
         help="do not compare renders with photos to see that splat and model fit together",
     )
     parser.add_argument(
+        "--retrieval",
+        metavar="METHOD",
+        default=MapSettings.retrieval,
+        help=f"how photos are described to find similar ones: {', '.join(METHODS)} "
+        "(default: %(default)s); vlad-xfeat needs gscpe models install xfeat, PATH is that of an "
+        "exported network (docs/formats.md)",
+    )
+    parser.add_argument(
         "--compress",
         action="store_true",
         help="store the splat as .spz: less than a fifth of the size, with rounded values "
@@ -50,8 +59,10 @@ def add_parser(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     settings = MapSettings(
-        metres_per_unit=None if options.unknown_scale else options.metres_per_unit
+        retrieval=options.retrieval,
+        metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
+    check_method(settings.retrieval)
     check_map_output(options.output, compress=options.compress)
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)

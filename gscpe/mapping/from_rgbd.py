@@ -8,7 +8,7 @@ whatever the slant, and the blur that the dots add is taken back by fitting the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import cv2
@@ -20,10 +20,9 @@ from gscpe.errors import PhotoError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import check_transform, inverse
-from gscpe.mapping.from_splat import describe_references
 from gscpe.render import Renderer, choose_backend
-from gscpe.retrieval import VladSettings
-from gscpe.scene import GaussianScene, Map, References
+from gscpe.retrieval import describe_references, parse_method
+from gscpe.scene import GaussianScene, Map, References, to_photo
 from gscpe.scene.gaussians import SH_C0
 
 
@@ -39,7 +38,7 @@ class RgbdMapSettings:
             no surfels stand there.
         colour_steps: Jacobi steps ``colour += colour_rate * (photo - render)``.
         colour_rate: see there.
-        retrieval: the global descriptor of the photo.
+        retrieval: how the photo is described; see gscpe.mapping.MapSettings.
         backend: what renders while the colours are fitted; see gscpe.render.Renderer.
     """
 
@@ -49,10 +48,11 @@ class RgbdMapSettings:
     max_depth_step: float = 0.02
     colour_steps: int = 8
     colour_rate: float = 0.7
-    retrieval: VladSettings = field(default_factory=VladSettings)
+    retrieval: str = "vlad"
     backend: str = "auto"
 
     def __post_init__(self) -> None:
+        parse_method(self.retrieval)
         if self.surfel_sigma <= 0 or self.thickness <= 0 or not 0 < self.opacity < 1:
             raise SettingsError("surfels need positive sizes and an opacity in (0, 1)")
 
@@ -71,7 +71,7 @@ def map_from_rgbd(
     return Map(
         scene=scene_from_rgbd(rgb, depth, camera, cam_from_world, settings),
         references=References((PurePath(name).name,), cam_from_world[None].copy(), (camera,)),
-        descriptors=describe_references([rgb], settings.retrieval),
+        descriptors=describe_references([to_photo(rgb, camera)], settings.retrieval),
         metres_per_unit=metres_per_unit,
     )
 

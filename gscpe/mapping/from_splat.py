@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Iterable
+from typing import Sequence, overload
 
 import numpy as np
-from tqdm import tqdm
 
-from gscpe.arrays import UInt8Array
-from gscpe.errors import MapError, SettingsError
-from gscpe.geometry.camera import Camera
-from gscpe.retrieval import VladSettings, describe_image, learn_vocabulary, local_descriptors
-from gscpe.scene import GaussianScene, GlobalDescriptors, Map, References, read_image, to_photo
+from gscpe.errors import SettingsError
+from gscpe.retrieval import describe_references, parse_method
+from gscpe.scene import GaussianScene, Map, Photo, References, read_image, to_photo
 
 
 @dataclass(frozen=True)
@@ -21,14 +18,16 @@ class MapSettings:
     """What is kept in a map besides the splat.
 
     Attributes:
-        retrieval: global descriptors of the reference photos.
+        retrieval: how the reference photos are described: "vlad", "vlad-xfeat", or "onnx:PATH"
+            with the path of an exported network.
         metres_per_unit: of the splat's coordinates; None where it is not known.
     """
 
-    retrieval: VladSettings = field(default_factory=VladSettings)
+    retrieval: str = "vlad"
     metres_per_unit: float | None = 1.0
 
     def __post_init__(self) -> None:
+        parse_method(self.retrieval)
         if self.metres_per_unit is not None and not 0 < self.metres_per_unit < np.inf:
             raise SettingsError(f"metres per unit must be positive, not {self.metres_per_unit}")
 
@@ -46,45 +45,40 @@ def build_map(
         PhotoError: a reference photo cannot be read.
         CameraError: a reference photo is of another size than its camera.
         MapError: there are no references.
+        ModelError: the network that is to describe them is missing, or cannot be used.
+        MissingDependencyError: it needs onnxruntime, and that is not installed.
     """
     settings = settings or MapSettings()
-    folder = Path(image_folder)
-    photos = (
-        _reference_photo(folder / name, camera)
-        for name, camera in zip(references.names, references.cameras, strict=True)
-    )
-    shown = tqdm(
-        photos,
-        desc="describing reference photos",
-        total=len(references),
-        unit="photo",
-        disable=not progress,
-    )
+    photos = _ReferencePhotos(references, Path(image_folder))
     return Map(
         scene=scene,
         references=references,
-        descriptors=describe_references(shown, settings.retrieval),
+        descriptors=describe_references(photos, settings.retrieval, progress),
         metres_per_unit=settings.metres_per_unit,
     )
 
 
-def _reference_photo(path: Path, camera: Camera) -> UInt8Array:
-    image = read_image(path)
-    camera.check_fits(image.shape, f"reference photo {path}")
-    return to_photo(image, camera).rgb
+class _ReferencePhotos(Sequence[Photo]):
+    """Read when they are asked for."""
 
+    def __init__(self, references: References, folder: Path) -> None:
+        self._references = references
+        self._folder = folder
 
-def describe_references(photos: Iterable[UInt8Array], settings: VladSettings) -> GlobalDescriptors:
-    """Learns a vocabulary from photos, (H, W, 3) uint8 RGB, and describes each with it.
+    def __len__(self) -> int:
+        return len(self._references)
 
-    Raises:
-        MapError: there are no photos.
-    """
-    local = [local_descriptors(rgb, settings) for rgb in photos]
-    if not local:
-        raise MapError("a map needs at least one reference photo")
-    vocabulary = learn_vocabulary(local, settings)
-    return GlobalDescriptors(
-        vocabulary=vocabulary,
-        descriptors=np.stack([describe_image(each, vocabulary) for each in local]),
-    )
+    @overload
+    def __getitem__(self, index: int) -> Photo: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
+
+    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        path = self._folder / self._references.names[index]
+        camera = self._references.cameras[index]
+        image = read_image(path)
+        camera.check_fits(image.shape, f"reference photo {path}")
+        return to_photo(image, camera)

@@ -1,19 +1,22 @@
 """What a map is made of: Gaussians, reference photos, and the folder that keeps them."""
 
+from gscpe.scene.exif import camera_from_exif
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
 from gscpe.scene.map_folder import open_map, save_map
 from gscpe.scene.photo import Photo, luminance, read_image, to_photo, to_uint8, write_image
-from gscpe.scene.references import GlobalDescriptors, References
+from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
 from gscpe.scene.splat_file import read_splat
 from gscpe.scene.write_splat import write_splat
 
 __all__ = [
+    "DescriberModel",
     "GaussianScene",
     "GlobalDescriptors",
     "Map",
     "Photo",
     "References",
+    "camera_from_exif",
     "luminance",
     "open_map",
     "read_image",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Mapping
 
@@ -19,7 +19,7 @@ from gscpe.errors import MapError, OutputError
 from gscpe.geometry.camera import Camera
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
-from gscpe.scene.references import GlobalDescriptors, References
+from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
 from gscpe.scene.splat_file import read_splat
 from gscpe.scene.spz import best_exponent, encode_spz
 
@@ -32,6 +32,9 @@ PLAIN = frozenset({_GAUSSIANS, _REFERENCES, _RETRIEVAL})
 COMPRESSED = frozenset({_SPZ, _SPZ_FACTOR, _REFERENCES, _RETRIEVAL})
 """The files of a compressed map, except map.json."""
 
+VLAD = "vlad"
+"""The method of maps that do not say theirs."""
+
 _SCENE_ARRAYS = ("means", "quaternions", "scales", "opacities", "sh")
 
 
@@ -42,12 +45,10 @@ def to_contents(map_: Map, compress: bool) -> dict[str, bytes]:
         OutputError: the scene does not fit into the compressed format.
         MissingDependencyError: compressing needs gaussforge, and it is not installed.
     """
-    # Half precision moves a similarity by less than 0.001.
-    descriptors = map_.descriptors.descriptors.astype(np.float16 if compress else np.float32)
     return {
         **(_compressed_gaussians(map_) if compress else _plain_gaussians(map_)),
         _REFERENCES: _references_to_json(map_.references),
-        _RETRIEVAL: _npz({"vocabulary": map_.descriptors.vocabulary, "descriptors": descriptors}),
+        _RETRIEVAL: _retrieval_to_npz(map_.descriptors, compress),
     }
 
 
@@ -58,16 +59,12 @@ def from_contents(contents: Mapping[str, bytes], folder: Path) -> Map:
         MissingDependencyError: the map is compressed, and gaussforge is not installed.
         Exception: whatever parsers raise where a file is damaged.
     """
-    retrieval = _load_npz(contents[_RETRIEVAL])
     load = _load_plain if _GAUSSIANS in contents else _load_compressed
     scene, metres_per_unit = load(contents, folder)
     return Map(
         scene=scene,
         references=_references_from_json(contents[_REFERENCES]),
-        descriptors=GlobalDescriptors(
-            np.asarray(retrieval["vocabulary"], dtype=np.float32),
-            np.asarray(retrieval["descriptors"], dtype=np.float32),
-        ),
+        descriptors=_retrieval_from_npz(contents[_RETRIEVAL]),
         metres_per_unit=metres_per_unit,
     )
 
@@ -129,6 +126,36 @@ def _npz(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 def _load_npz(data: bytes) -> dict[str, NDArray[Any]]:
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}
+
+
+def _retrieval_to_npz(known: GlobalDescriptors, compress: bool) -> bytes:
+    # Half precision moves a similarity by less than 0.001.
+    arrays: dict[str, NDArray[Any]] = {
+        "vocabulary": known.vocabulary,
+        "descriptors": known.descriptors.astype(np.float16 if compress else np.float32),
+    }
+    if known.method != VLAD:
+        recipe = {"method": known.method, "model": known.model and asdict(known.model)}
+        arrays["recipe"] = np.array(json.dumps(recipe))
+    return _npz(arrays)
+
+
+def _retrieval_from_npz(data: bytes) -> GlobalDescriptors:
+    arrays = _load_npz(data)
+    recipe: dict[str, Any] = {"method": VLAD}
+    if "recipe" in arrays:
+        recipe = json.loads(str(arrays["recipe"]))
+    model = recipe.get("model")
+    return GlobalDescriptors(
+        vocabulary=np.asarray(arrays["vocabulary"], dtype=np.float32),
+        descriptors=np.asarray(arrays["descriptors"], dtype=np.float32),
+        method=str(recipe["method"]),
+        model=None if model is None else _describer_model(model),
+    )
+
+
+def _describer_model(data: Mapping[str, Any]) -> DescriberModel:
+    return DescriberModel(str(data["file"]), str(data["sha256"]), str(data["input"]))
 
 
 def _references_to_json(references: References) -> bytes:

@@ -15,12 +15,20 @@ from typing import Any, Mapping
 
 from gscpe.errors import MapError, MissingDependencyError, OutputError
 from gscpe.scene.map import Map
-from gscpe.scene.map_contents import COMPRESSED, GAUSSIANS, PLAIN, from_contents, to_contents
+from gscpe.scene.map_contents import (
+    COMPRESSED,
+    GAUSSIANS,
+    PLAIN,
+    VLAD,
+    from_contents,
+    to_contents,
+)
 from gscpe.scene.splat_formats import require_gaussforge
 
 FORMAT = "gscpe map"
-VERSION = 2
+VERSION = 3
 _PLAIN_VERSION = 1  # what a gscpe before compression reads
+_COMPRESSED_VERSION = 2  # what a gscpe before other descriptors than VLAD reads
 _SEAL = "map.json"
 
 
@@ -41,7 +49,7 @@ def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
     contents = to_contents(map_, compress)
     manifest = {
         "format": FORMAT,
-        "version": VERSION if compress else _PLAIN_VERSION,
+        "version": _version(map_, compress),
         "gaussians": len(map_.scene),
         "references": len(map_.references),
         "files": {
@@ -95,6 +103,13 @@ def open_map(folder: str | Path) -> Map:
         raise
     except Exception as error:  # parsers raise KeyError, BadZipFile, EOFError, AttributeError, ...
         raise MapError(f"map {folder} is damaged ({error}); build it again") from error
+
+
+def _version(map_: Map, compress: bool) -> int:
+    """The least that has all the map needs."""
+    if map_.descriptors.method != VLAD:
+        return VERSION
+    return _COMPRESSED_VERSION if compress else _PLAIN_VERSION
 
 
 def _temporary_beside(folder: Path) -> Path:

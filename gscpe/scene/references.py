@@ -36,17 +36,36 @@ class References:
         return len(self.names)
 
 
+@dataclass(frozen=True)
+class DescriberModel:
+    """Which exported network described the references.
+
+    Attributes:
+        file: its name, without folder.
+        sha256: of the file, and of its separate weights where it has some.
+        input: how a photo is put into it, as JSON.
+    """
+
+    file: str
+    sha256: str
+    input: str
+
+
 @dataclass(frozen=True, eq=False)
 class GlobalDescriptors:
     """One descriptor a reference photo, and what is needed to describe a query alike.
 
     Attributes:
-        vocabulary: (K, 128) float32, the visual words.
-        descriptors: (N, D) float32, of unit length.
+        vocabulary: (K, C) float32, the visual words; (0, 0) for methods without.
+        descriptors: (N, D) float32, of unit length, or all zero.
+        method: "vlad", "vlad-xfeat" or "onnx"; see gscpe.retrieval.
+        model: of the method "onnx"; else None.
     """
 
     vocabulary: Float32Array
     descriptors: Float32Array
+    method: str = "vlad"
+    model: DescriberModel | None = None
 
     def __post_init__(self) -> None:
         if self.vocabulary.ndim != 2 or self.descriptors.ndim != 2:
