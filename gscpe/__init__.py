@@ -10,12 +10,16 @@ Frames, pixel centres and units: docs/conventions.md.
 
 from gscpe.errors import GscpeError
 from gscpe.geometry import Camera, PoseDifference, pose_difference
-from gscpe.localizer import LocalizationResult, Localizer, LocalizerSettings
+from gscpe.localization_result import LocalizationResult
+from gscpe.localizer import Localizer
+from gscpe.localizer_settings import LocalizerSettings
+from gscpe.pose_prior import PosePrior
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import (
     GaussianScene,
     Map,
     References,
+    camera_from_exif,
     open_map,
     read_image,
     read_splat,
@@ -34,9 +38,11 @@ __all__ = [
     "LocalizerSettings",
     "Map",
     "PoseDifference",
+    "PosePrior",
     "References",
     "RenderedView",
     "Renderer",
+    "camera_from_exif",
     "open_map",
     "pose_difference",
     "read_image",

@@ -17,7 +17,8 @@ from tqdm import tqdm
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import InputError, OutputError
-from gscpe.localizer import LocalizationResult, Localizer
+from gscpe.localization_result import LocalizationResult
+from gscpe.localizer import Localizer
 from gscpe.scene import read_image
 from gscpe.scene.pose_file import format_pose
 from gscpe.scene.query_list import Query
@@ -128,15 +129,16 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
     Args:
         details: of :func:`localize_list`.
         path: of the pose file.
-        stage: ``"refined"`` or ``"coarse"``.
+        stage: ``"final"``; or that of one stage alone, ``"coarse"`` or ``"refined"``.
 
     Raises:
         OutputError: the file cannot be written.
     """
     lines = []
     for detail in details:
-        if detail["status"] == "localized":
-            lines.append(f"{detail['name']} {detail[stage]['cam_from_world']}\n")
+        source = detail if stage == "final" else detail[stage]
+        if detail["status"] == "localized" and source is not None:
+            lines.append(f"{detail['name']} {source['cam_from_world']}\n")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         Path(path).write_text("".join(lines))
@@ -153,7 +155,9 @@ def result_details(query: Query, result: LocalizationResult) -> dict[str, Any]:
         "status": "localized" if result.localized else "not localized",
         "reason": result.reason,
         "cam_from_world": _pose(result.cam_from_world),
+        "started_from": result.started_from,
         "reference": result.reference,
+        "hypotheses": result.hypotheses,
         "coarse": coarse
         and {
             "cam_from_world": _pose(coarse.cam_from_world),
@@ -192,7 +196,9 @@ def _localize_one(localizer: Localizer, query: Query, image_folder: Path) -> dic
             "status": "failed",
             "reason": str(error),
             "cam_from_world": None,
+            "started_from": None,
             "reference": None,
+            "hypotheses": 0,
             "coarse": None,
             "refined": None,
             "covariance": None,

@@ -2,84 +2,44 @@
 
 from __future__ import annotations
 
-import time
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+import logging
+from dataclasses import replace
+from itertools import islice
 from types import TracebackType
-from typing import Any, Iterator
+from typing import Iterator, Sequence
 
 import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
-from gscpe.coarse import CoarseResult, CoarseSettings, estimate_coarse_pose
-from gscpe.errors import SettingsError
+from gscpe.attempt import Attempt, Query, Start, to_result
+from gscpe.clock import Clock
+from gscpe.coarse import estimate_coarse_pose
+from gscpe.errors import CameraError, MapError
 from gscpe.geometry.camera import Camera
-from gscpe.matching import Matcher, SiftMatcher
+from gscpe.hypotheses import different_places, near_the_prior_first
+from gscpe.localization_result import LocalizationResult
+from gscpe.localizer_settings import LocalizerSettings
+from gscpe.matching import Matcher, XFeatMatcher, make_matcher
+from gscpe.pose_prior import PosePrior
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.render import RenderedView, Renderer
-from gscpe.retrieval import (
-    RetrievedReference,
-    VladSettings,
-    describe_image,
-    local_descriptors,
-    search,
-)
+from gscpe.retrieval import ReferenceIndex, RetrievedReference, open_describer
 from gscpe.scene import Map, Photo, to_photo
 from gscpe.scene.photo import resized_photo
-from gscpe.verification import VerificationSettings, doubt_about_coarse, doubt_about_refined
+from gscpe.unknown_camera import estimate_camera, ordinary_camera
+from gscpe.verification import (
+    doubt_about_coarse,
+    doubt_about_refined,
+    doubt_about_tracked,
+)
+
+_log = logging.getLogger(__name__)
 
 _SAME_RESOLUTION = 1.03
 """Focal lengths in pixels within this factor need no resampling of the photo."""
 
 _MOST_ENLARGED = 2.0
 """A photo with fewer pixels is enlarged at most this much: there is nothing more in it."""
-
-
-@dataclass(frozen=True)
-class LocalizerSettings:
-    """Settings of every stage.
-
-    Attributes:
-        hypotheses: reference photos that are tried, best first, until one is not doubted.
-        retrieval: how a query is described; must be what the map was built with.
-    """
-
-    hypotheses: int = 3
-    retrieval: VladSettings = field(default_factory=VladSettings)
-    coarse: CoarseSettings = field(default_factory=CoarseSettings)
-    refinement: RefinementSettings = field(default_factory=RefinementSettings)
-    verification: VerificationSettings = field(default_factory=VerificationSettings)
-
-    def __post_init__(self) -> None:
-        if self.hypotheses < 1:
-            raise SettingsError("at least one reference photo must be tried")
-
-
-@dataclass(frozen=True, eq=False)
-class LocalizationResult:
-    """Where a photo was taken, or why that is not known.
-
-    Attributes:
-        localized: whether the pose can be trusted.
-        reason: why not; None when localized.
-        cam_from_world: (4, 4) float64, world to camera; None when not localized.
-        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
-            map units and radians; None when not localized.
-        reference: name of the reference photo that the coarse stage started from; None
-            when there was none.
-        coarse: result of the coarse stage of that reference, trusted or not.
-        refined: result of the refinement; None when the coarse pose was not trusted.
-        seconds: wall time by stage: retrieval, coarse, refinement, total.
-    """
-
-    localized: bool
-    reason: str | None
-    cam_from_world: Float64Array | None
-    covariance: Float64Array | None
-    reference: str | None
-    coarse: CoarseResult | None
-    refined: RefinementResult | None
-    seconds: dict[str, float]
 
 
 class Localizer:
@@ -89,77 +49,179 @@ class Localizer:
     Args:
         map_: to localize in.
         settings: of every stage.
-        matcher: of photo and render; SIFT by default.
+        matcher: of photo and render, or the name of one, or None for "auto"; see
+            :func:`gscpe.matching.make_matcher`.
         backend, progress: as :class:`gscpe.render.Renderer`.
 
     Raises:
         RenderError: there is nothing to render with.
+        SettingsError, ModelError, MissingDependencyError: of :func:`make_matcher`.
+        MapError, ModelError, MissingDependencyError: queries cannot be described as the map's
+            references were; see :func:`gscpe.retrieval.open_describer`.
     """
 
     def __init__(
         self,
         map_: Map,
         settings: LocalizerSettings | None = None,
-        matcher: Matcher | None = None,
+        matcher: Matcher | str | None = None,
         backend: str = "auto",
         progress: bool = False,
     ) -> None:
         self.map = map_
         self.settings = settings or LocalizerSettings()
-        self._matcher: Matcher = matcher or SiftMatcher()
+        self._matcher: Matcher = (
+            make_matcher(matcher) if isinstance(matcher, str) else matcher or make_matcher()
+        )
+        self._describer = open_describer(map_.descriptors, self.settings.retrieval_model)
+        self._index = ReferenceIndex(map_.descriptors.descriptors, self.settings.index)
         self._renderer = Renderer(map_.scene, backend, progress)
 
-    def localize(self, image: UInt8Array, camera: Camera) -> LocalizationResult:
+    def localize(
+        self,
+        image: UInt8Array,
+        camera: Camera,
+        prior: PosePrior | LocalizationResult | None = None,
+    ) -> LocalizationResult:
         """Estimates the pose of a photo.
 
         Args:
             image: (H, W, 3) uint8 RGB.
             camera: its intrinsics; lens distortion is removed first.
+            prior: where the camera probably is; or the result of the frame before, which
+                counts only if it was localized. A sure prior skips retrieval and the coarse
+                stage, an unsure one skips retrieval. Where that fails, all is done as without.
 
         Raises:
             PhotoError: shape or dtype of the image is wrong.
             CameraError: the camera is of another image size.
-            RenderError: OpenGL failed.
+            MapError: the map has no references, and there is no prior.
+            RenderError: rendering failed.
+            ModelError: a trained network failed.
         """
-        clock = _Clock()
+        if isinstance(prior, LocalizationResult):
+            prior = None if prior.cam_from_world is None else PosePrior(prior.cam_from_world)
+        if prior is None and not len(self.map.references):
+            raise MapError(
+                "this map has no reference photos to recognize a place by: give a prior pose, or "
+                "build it with references"
+            )
+        clock = Clock()
         photo = self._at_the_maps_resolution(to_photo(image, camera))
-        with clock.stage("retrieval"):
-            retrieved = self._retrieve(photo)
-        best: tuple[RetrievedReference, CoarseResult] | None = None
-        doubt: str | None = "the photo has no features to recognize a place by"
-        with clock.stage("coarse"):
-            prepared = self._matcher.prepare(photo.rgb, photo.valid) if retrieved else None
-            for reference in retrieved:
-                coarse = self._coarse(prepared, photo, reference)
-                new_doubt = doubt_about_coarse(coarse, photo.camera, self.settings.verification)
-                if best is None or coarse.inliers > best[1].inliers or new_doubt is None:
-                    best, doubt = (reference, coarse), new_doubt
-                if doubt is None:
-                    break
-        refined = None
-        if best is not None and doubt is None:
-            assert best[1].cam_from_world is not None
-            unit = self.map.metres_per_unit
+        query = Query(photo, self._matcher, clock)
+        best: Attempt | None = None
+        tried = 0
+        for start in self._starts(query, prior):
+            attempt = self._attempt(query, start, prior)
+            tried += 1
+            _log.debug("from %s %s: %s", start.kind, start.reference or "", attempt.doubt or "ok")
+            if best is None or attempt.rank() > best.rank():
+                best = attempt
+            if best.doubt is None and self._is_sure(best):
+                break
+        return to_result(best, tried, clock)
+
+    def _starts(self, query: Query, prior: PosePrior | None) -> Iterator[Start]:
+        """Where to begin, best first; retrieval runs only when it is reached."""
+        settings, references = self.settings, self.map.references
+        unit = self.map.metres_per_unit or 1.0
+        if prior is not None:
+            if (
+                prior.translation_sigma * unit <= settings.near
+                and prior.rotation_sigma_degrees <= settings.near_degrees
+            ):
+                yield Start("tracking", prior.cam_from_world)
+            yield Start("prior", prior.cam_from_world)
+        if not len(references):
+            return
+        poses, same_place = references.cam_from_world, settings.same_place / unit
+        retrieved: Sequence[RetrievedReference] = self._retrieve(query)
+        if prior is not None:
+            retrieved = near_the_prior_first(retrieved, poses, prior, same_place)
+        places = different_places(retrieved, poses, same_place)
+        for reference in islice(places, settings.hypotheses):
+            name = references.names[reference.index]
+            yield Start("reference", poses[reference.index], name)
+
+    def _attempt(self, query: Query, start: Start, prior: PosePrior | None) -> Attempt:
+        settings, clock = self.settings, query.clock
+        if start.kind == "tracking":
+            assert prior is not None
             with clock.stage("refinement"):
-                refined = refine_pose(
-                    self._renderer,
-                    photo,
-                    best[1].cam_from_world,
-                    self.settings.refinement,
-                    unit,
-                )
-            doubt = doubt_about_refined(best[1], refined, self.settings.verification, unit)
-        trusted = refined is not None and doubt is None
-        return LocalizationResult(
-            localized=trusted,
-            reason=doubt,
-            cam_from_world=refined.cam_from_world if trusted and refined else None,
-            covariance=refined.covariance if trusted and refined else None,
-            reference=self.map.references.names[best[0].index] if best else None,
-            coarse=best[1] if best else None,
-            refined=refined,
-            seconds=clock.seconds(),
-        )
+                refinement = replace(settings.refinement, levels=settings.near_levels)
+                refined = self._refine(query.photo, start.cam_from_world, refinement)
+            doubt = doubt_about_tracked(prior, refined, settings.verification)
+            return Attempt(start, None, refined, doubt)
+        prepared = query.prepared
+        with clock.stage("coarse"):
+            coarse = estimate_coarse_pose(
+                self._renderer,
+                self._matcher,
+                prepared,
+                query.photo.camera,
+                start.cam_from_world,
+                settings.coarse,
+                self.map.metres_per_unit,
+            )
+        doubt = doubt_about_coarse(coarse, query.photo.camera, settings.verification)
+        if doubt is not None or coarse.cam_from_world is None:
+            return Attempt(start, coarse, None, doubt)
+        with clock.stage("refinement"):
+            refined = self._refine(query.photo, coarse.cam_from_world, settings.refinement)
+        doubt = doubt_about_refined(coarse.cam_from_world, refined, settings.verification)
+        return Attempt(start, coarse, refined, doubt)
+
+    def _refine(
+        self, photo: Photo, cam_from_world: Float64Array, settings: RefinementSettings
+    ) -> RefinementResult:
+        unit = self.map.metres_per_unit
+        return refine_pose(self._renderer, photo, cam_from_world, settings, unit)
+
+    def _is_sure(self, attempt: Attempt) -> bool:
+        sure = self.settings.verification.sure_agreement
+        return attempt.refined is not None and attempt.refined.agreement >= sure
+
+    def estimate_camera(self, image: UInt8Array, guess: Camera | None = None) -> Camera:
+        """The pinhole camera of a photo whose intrinsics are not known, for :meth:`localize`.
+
+        One focal length is estimated, from matches with renders; the principal point is taken
+        to be the guess's, and lens distortion to be small.
+
+        Args:
+            image: (H, W, 3) uint8 RGB.
+            guess: for example :func:`gscpe.camera_from_exif`; None: an ordinary lens, and the
+                principal point in the middle.
+
+        Raises:
+            CameraError: the photo does not tell; the message says why.
+            PhotoError, MapError, RenderError, ModelError: as :meth:`localize`.
+        """
+        if not len(self.map.references):
+            raise MapError("a map without reference photos cannot tell a camera's focal length")
+        photo = to_photo(image, guess or ordinary_camera(image))
+        at_size = resized_photo(photo, min(self._reference_width() / photo.camera.width, 2.0))
+        query = Query(at_size, self._matcher, Clock())
+        reason = "the photo has no features to recognize a place by"
+        for start in self._starts(query, None):
+            assert start.reference is not None
+            index = self.map.references.names.index(start.reference)
+            estimate = estimate_camera(
+                self._renderer,
+                self._matcher,
+                query.prepared,
+                at_size.camera,
+                start.cam_from_world,
+                self.map.references.cameras[index].without_distortion(),
+                self.settings.coarse,
+                self.settings.focal,
+            )
+            if isinstance(estimate, Camera):
+                return estimate.resized(photo.camera.width, photo.camera.height)
+            reason = estimate
+        raise CameraError(f"the camera's focal length is not known: {reason}; give the intrinsics")
+
+    def _reference_width(self) -> float:
+        return float(np.median([camera.width for camera in self.map.references.cameras]))
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`."""
@@ -182,24 +244,17 @@ class Localizer:
             return photo
         return resized_photo(photo, scale)
 
-    def _retrieve(self, photo: Photo) -> tuple[RetrievedReference, ...]:
-        known = self.map.descriptors
-        local = local_descriptors(photo.rgb, self.settings.retrieval)
-        query = describe_image(local, known.vocabulary)
-        if not np.any(query):
-            return ()
-        return search(query, known.descriptors, self.settings.hypotheses)
-
-    def _coarse(self, prepared: Any, photo: Photo, reference: RetrievedReference) -> CoarseResult:
-        return estimate_coarse_pose(
-            self._renderer,
-            self._matcher,
-            prepared,
-            photo.camera,
-            self.map.references.cam_from_world[reference.index],
-            self.settings.coarse,
-            self.map.metres_per_unit,
-        )
+    def _retrieve(self, query: Query) -> tuple[RetrievedReference, ...]:
+        """The most similar reference photos; features that matching needs are not detected
+        again to describe the photo."""
+        photo, features = query.photo, None
+        if isinstance(self._matcher, XFeatMatcher):
+            features = query.prepared.features
+        with query.clock.stage("retrieval"):
+            described = self._describer.describe(photo.rgb, features, photo.valid)
+            if not np.any(described):
+                return ()
+            return self._index.search(described, self.settings.retrieved)
 
     def close(self) -> None:
         """Gives the renderer's memory back; the localizer cannot be used after."""
@@ -215,22 +270,3 @@ class Localizer:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-class _Clock:
-    """Wall time by stage."""
-
-    def __init__(self) -> None:
-        self._begin = time.perf_counter()
-        self._stages: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self._stages[name] = self._stages.get(name, 0.0) + time.perf_counter() - begin
-
-    def seconds(self) -> dict[str, float]:
-        return {**self._stages, "total": time.perf_counter() - self._begin}

@@ -47,17 +47,20 @@ class Stub:
         self.seen.append(number)
         seconds = {"retrieval": 0.1, "coarse": 0.2, "total": 0.31234567}
         if number == 0:
-            return LocalizationResult(False, "too dark", None, None, None, None, None, seconds)
+            return LocalizationResult(
+                False, "too dark", None, None, None, None, None, None, 0, seconds
+            )
         coarse_pose = se3.exp([0.01, 0, 0, 0, 0, 0]) @ pose_of(number)
         coarse = CoarseResult(
             coarse_pose, 50, 40, np.zeros((40, 2)), 0.5, 1e-6 * np.eye(6), 2, True
         )
         nan = float("nan")
         refined = RefinementResult(
-            pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, True
+            pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, 1.0, True
         )
         return LocalizationResult(
-            True, None, pose_of(number), np.eye(6), "ref.png", coarse, refined, seconds
+            *(True, None, pose_of(number), np.eye(6), "reference", "ref.png"),
+            *(coarse, refined, 1, seconds),
         )
 
 

@@ -54,7 +54,7 @@ def test_it_finds_the_true_pose() -> None:
     is all but the photo itself."""
     result = estimate(se3.exp(STEP) @ ROOM_POSE)
     error = error_of(result)
-    assert error.distance < 1e-4
+    assert error.distance < 3e-4
     assert error.degrees < 3e-3
     assert 60 < result.inliers <= result.matches
     assert result.inlier_pixels.shape == (result.inliers, 2)
@@ -75,7 +75,7 @@ def test_it_stops_where_it_already_is() -> None:
     result = estimate(ROOM_POSE)
     assert (result.rounds, result.converged) == (1, True)
     error = error_of(result)
-    assert error.distance < 1e-4
+    assert error.distance < 3e-4
     assert error.degrees < 1e-3
 
 
@@ -88,7 +88,7 @@ def test_units_do_not_matter(scale: float, unit: float | None) -> None:
     assert scaled.inliers == pytest.approx(metric.inliers, abs=3)
     assert scaled.rounds == metric.rounds
     assert scaled.converged == metric.converged
-    assert error_of(scaled, scale).distance < 1e-4
+    assert error_of(scaled, scale).distance < 3e-4
 
 
 def test_a_wrong_unit_would_be_noticed() -> None:

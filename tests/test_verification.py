@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from gscpe.coarse import CoarseResult
 from gscpe.geometry import Camera, se3
+from gscpe.pose_prior import PosePrior
 from gscpe.refinement import RefinementResult
 from gscpe.verification import (
     VerificationSettings,
     doubt_about_coarse,
     doubt_about_refined,
+    doubt_about_tracked,
     inlier_spread,
 )
 
@@ -38,7 +40,7 @@ COARSE = CoarseResult(
 )
 REFINED = RefinementResult(
     cam_from_world=se3.exp([0.01, 0.0, 0.0, 0.0, 0.01, 0.0]),
-    covariance=np.eye(6),
+    covariance=1e-6 * np.eye(6),
     gain=1.0,
     bias=0.0,
     residual=0.02,
@@ -46,16 +48,22 @@ REFINED = RefinementResult(
     overlap=0.9,
     pixels=100_000,
     anchors=2,
+    metres_per_unit=1.0,
     converged=True,
 )
+PRIOR = PosePrior(np.eye(4), translation_sigma=0.02, rotation_sigma_degrees=1.0)
 
 
 def coarse_doubt(**changes: Any) -> str | None:
     return doubt_about_coarse(replace(COARSE, **changes), CAMERA, SETTINGS)
 
 
-def refined_doubt(unit: float | None = 1.0, **changes: Any) -> str | None:
-    return doubt_about_refined(COARSE, replace(REFINED, **changes), SETTINGS, unit)
+def refined_doubt(**changes: Any) -> str | None:
+    return doubt_about_refined(np.eye(4), replace(REFINED, **changes), SETTINGS)
+
+
+def tracked_doubt(**changes: Any) -> str | None:
+    return doubt_about_tracked(PRIOR, replace(REFINED, **changes), SETTINGS)
 
 
 def test_no_doubt() -> None:
@@ -118,13 +126,43 @@ def test_the_thresholds_themselves_are_enough() -> None:
     [(0.1, 0.9, False), (0.1, 1.1, True), (10.0, 0.009, False), (10.0, 0.011, True)],
 )
 def test_metres_per_unit_scales_the_shift(unit: float, units_moved: float, doubted: bool) -> None:
-    doubt = refined_doubt(unit, cam_from_world=se3.exp([units_moved, 0, 0, 0, 0, 0]))
-    assert (doubt is not None) == doubted
+    moved = se3.exp([units_moved, 0, 0, 0, 0, 0])
+    assert (refined_doubt(cam_from_world=moved, metres_per_unit=unit) is not None) == doubted
 
 
-def test_where_the_unit_is_not_known_the_shift_is_not_judged() -> None:
-    assert refined_doubt(None, cam_from_world=se3.exp([50.0, 0, 0, 0, 0, 0])) is None
-    assert refined_doubt(None, cam_from_world=se3.exp([0, 0, 0, 0, 0.1, 0])) is not None
+@pytest.mark.parametrize(
+    ("sigmas", "unit", "doubted"),
+    [
+        ([0.09, 0.01, 0.01, 0.01, 0.01, 0.05], 1.0, False),
+        ([0.01, 0.11, 0.01, 0.01, 0.01, 0.01], 1.0, True),
+        ([0.01, 0.11, 0.01, 0.01, 0.01, 0.01], 0.5, False),
+        ([0.01, 0.01, 0.01, 0.01, 0.06, 0.01], 0.5, True),
+    ],
+)
+def test_a_pose_that_is_not_determined_is_doubted(
+    sigmas: list[float], unit: float, doubted: bool
+) -> None:
+    changes = {"covariance": np.diag(np.square(sigmas)), "metres_per_unit": unit}
+    for doubt in (refined_doubt(**changes), tracked_doubt(**changes)):
+        assert (doubt is not None and "does not determine the pose" in doubt) == doubted
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"agreement": 0.55}, "0.60 needed"),
+        ({"converged": False}, "did not converge"),
+        ({"cam_from_world": se3.exp([0.09, 0, 0, 0, 0, 0])}, "left the prior by 0.090"),
+        ({"cam_from_world": se3.exp([0, 0, 0, 0.08, 0, 0])}, "left the prior"),
+        ({"overlap": 0.1}, "only 10% of the photo"),
+        ({"covariance": None, "reason": "nothing to see"}, "nothing to see"),
+    ],
+)
+def test_tracking_needs_more(changes: dict[str, Any], reason: str) -> None:
+    assert tracked_doubt() is None
+    doubt = tracked_doubt(**changes)
+    assert doubt is not None
+    assert reason in doubt
 
 
 @given(

@@ -20,6 +20,7 @@ import numpy as np
 
 from gscpe.batch import localize_list, write_poses
 from gscpe.evaluation import THRESHOLDS, evaluate, normalized_error_squared
+from gscpe.geometry import pose_difference
 from gscpe.localizer import Localizer
 from gscpe.mapping import build_map
 from gscpe.scene import Map, open_map, read_splat, save_map
@@ -62,13 +63,17 @@ def main() -> int:
     limits = " | ".join(f"{100 * m:.0f} cm/{d:.0f}°" for m, d in THRESHOLDS)
     print(f"| | localized | median | {limits} |")
     print("|---|---|---|" + "---|" * len(THRESHOLDS))
-    for stage in ("coarse", "refined"):
+    for stage, label in (
+        ("coarse", "coarse"),
+        ("refined", "alignment alone"),
+        ("final", "refined: both"),
+    ):
         path = options.output / f"{stage}.txt"
         write_poses(details, path, stage)
         result = evaluate(read_poses(path), truth)
         shares = " | ".join(f"{100 * share:.0f}%" for share in result.shares)
         print(
-            f"| {stage} | {result.localized} of {result.queries} | "
+            f"| {label} | {result.localized} of {result.queries} | "
             f"{100 * result.median_distance:.3f} cm / {result.median_degrees:.3f}° | {shares} |"
         )
     print()
@@ -78,6 +83,13 @@ def main() -> int:
         for d in details
         if d["status"] == "localized"
     ]
+    worse = [
+        pose_difference(parse_pose(d["cam_from_world"]), truth[d["name"]]).distance
+        - pose_difference(parse_pose(d["coarse"]["cam_from_world"]), truth[d["name"]]).distance
+        for d in details
+        if d["status"] == "localized" and d["coarse"]
+    ]
+    print(f"most that refinement made a query worse: {100 * max(worse):.2f} cm")
     print(f"normalized error squared: mean {np.mean(errors):.2f}, median {np.median(errors):.2f}")
     return 0
 

@@ -1,6 +1,17 @@
 """Algorithm 1 of the paper: render, match, lift, PnP-RANSAC, and again."""
 
+from gscpe.coarse.focal import FocalEstimate, FocalSettings, estimate_focal_length
+from gscpe.coarse.lift import lift
 from gscpe.coarse.loop import CoarseResult, CoarseSettings, estimate_coarse_pose
 from gscpe.coarse.pnp import PnPSettings
 
-__all__ = ["CoarseResult", "CoarseSettings", "PnPSettings", "estimate_coarse_pose"]
+__all__ = [
+    "CoarseResult",
+    "CoarseSettings",
+    "FocalEstimate",
+    "FocalSettings",
+    "PnPSettings",
+    "estimate_coarse_pose",
+    "estimate_focal_length",
+    "lift",
+]

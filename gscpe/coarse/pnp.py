@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
+from gscpe.coarse.ransac import Solver, sample_absolute_pose
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.information import covariance_from_information
 from gscpe.geometry.projection import pose_jacobian, project, transform_points
 
 _MIN_POINTS = 4
@@ -22,25 +23,32 @@ class PnPSettings:
     """Settings of the absolute pose estimation.
 
     Attributes:
+        solver: of the RANSAC: ``"opencv"``, ``"pycolmap"``, or ``"auto"``.
         max_iterations: RANSAC samples at most (paper: 2000).
         inlier_pixels: largest reprojection error of an inlier.
         confidence: RANSAC stops when it has missed no better pose with this probability.
         noise_pixels: scale of the Cauchy weights of the final least squares.
-        noise_correlation: matches share the errors of the map: this many count as one in
-            the covariance (calibrated, docs/benchmarks.md).
+        cells: columns of a grid of square cells over the photo. The matches of a cell share
+            the errors of the map there: they count as one observation, however many.
+        noise_correlation: neighbouring cells share errors too: so many count as one in the
+            covariance (calibrated, docs/benchmarks.md).
         seed: of the sampling; the same seed gives the same pose.
     """
 
+    solver: Solver = "auto"
     max_iterations: int = 2000
     inlier_pixels: float = 4.0
     confidence: float = 0.9999
     noise_pixels: float = 1.0
-    noise_correlation: float = 13.0
+    cells: int = 10
+    noise_correlation: float = 2.0
     seed: int = 0
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1 or self.inlier_pixels <= 0 or self.noise_pixels <= 0:
             raise SettingsError("PnP needs at least one iteration and positive pixel thresholds")
+        if self.cells < 1:
+            raise SettingsError(f"the grid needs at least one column, not {self.cells}")
         if not 0 < self.confidence < 1:
             raise SettingsError(f"confidence must lie in (0, 1), not {self.confidence}")
 
@@ -84,7 +92,16 @@ def estimate_absolute_pose(
     if len(points_world) < _MIN_POINTS:
         return None
     hypotheses = [prior_cam_from_world]
-    sampled = _ransac(points_world, pixels, camera, settings)
+    sampled = sample_absolute_pose(
+        points_world,
+        pixels,
+        camera,
+        solver=settings.solver,
+        threshold=settings.inlier_pixels,
+        confidence=settings.confidence,
+        max_iterations=settings.max_iterations,
+        seed=settings.seed,
+    )
     if sampled is not None:
         hypotheses.append(sampled)
     counts = [
@@ -98,37 +115,14 @@ def estimate_absolute_pose(
     inliers = _inliers(points_world, pixels, camera, refined, settings)
     if inliers.sum() < _MIN_POINTS:
         return None
-    errors = _reprojection_errors(points_world[inliers], pixels[inliers], camera, refined)
+    points_world, pixels = points_world[inliers], pixels[inliers]
+    errors = _reprojection_errors(points_world, pixels, camera, refined)
     return AbsolutePose(
         refined,
         inliers,
         float(np.sqrt(np.mean(errors**2))),
-        _covariance(points_world[inliers], errors, camera, refined, settings),
+        _covariance(points_world, pixels, errors, camera, refined, settings),
     )
-
-
-def _ransac(
-    points_world: Float64Array, pixels: Float64Array, camera: Camera, settings: PnPSettings
-) -> Float64Array | None:
-    params = cv2.UsacParams()
-    params.randomGeneratorState = settings.seed
-    params.confidence = settings.confidence
-    params.maxIterations = settings.max_iterations
-    params.threshold = settings.inlier_pixels
-    params.score = cv2.SCORE_METHOD_MSAC
-    params.sampler = cv2.SAMPLING_UNIFORM
-    params.loMethod = cv2.LOCAL_OPTIM_INNER_LO
-    params.loIterations = 10
-    try:
-        found, _, rotation_vector, translation, _ = cv2.solvePnPRansac(
-            points_world, pixels - 0.5, camera.opencv_matrix(), None, params=params
-        )
-    except cv2.error:  # a degenerate configuration, for example all points on one line
-        return None
-    if not found or not np.all(np.isfinite(np.concatenate([rotation_vector, translation]))):
-        return None
-    rotation, _ = cv2.Rodrigues(rotation_vector)
-    return se3.from_rotation_translation(rotation, translation[:, 0])
 
 
 def refine_absolute_pose(
@@ -139,7 +133,8 @@ def refine_absolute_pose(
     settings: PnPSettings,
     iterations: int = 20,
 ) -> Float64Array:
-    """Gauss-Newton on the reprojection error with Cauchy weights over all near matches."""
+    """Gauss-Newton on the reprojection error with Cauchy weights over all near matches; those
+    of one cell of the photo count as one."""
     for _ in range(iterations):
         points_in_cam = transform_points(cam_from_world, points_world)
         ahead = points_in_cam[:, 2] > _BEHIND
@@ -150,18 +145,27 @@ def refine_absolute_pose(
         if near.sum() < _MIN_POINTS:
             return cam_from_world
         weights = 1.0 / (1.0 + squared[near] / settings.noise_pixels**2)
+        weights /= cell_crowds(pixels[ahead][near], camera, settings.cells)
         jacobian = pose_jacobian(camera, points_in_cam[near])
         hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
         gradient = np.einsum("nri,n,nr->i", jacobian, weights, residuals[near])
-        step = _solve_observed(hessian, gradient)
+        step = solve_observed(hessian, gradient)
         cam_from_world = se3.exp(step) @ cam_from_world
         if np.abs(step).max() < 1e-9:
             break
     return cam_from_world
 
 
+def cell_crowds(pixels: Float64Array, camera: Camera, cells: int) -> Float64Array:
+    """How many of the pixels, (N, 2), lie in the cell of each, (N,)."""
+    cell = np.floor(pixels * (cells / camera.width)).astype(np.int64)
+    _, which, counts = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    return counts[which.reshape(-1)].astype(np.float64)
+
+
 def _covariance(
     points_world: Float64Array,
+    pixels: Float64Array,
     errors: Float64Array,
     camera: Camera,
     cam_from_world: Float64Array,
@@ -170,13 +174,14 @@ def _covariance(
     """Of the robust least squares over the inliers, scaled by their residual variance."""
     jacobian = pose_jacobian(camera, transform_points(cam_from_world, points_world))
     weights = 1.0 / (1.0 + errors**2 / settings.noise_pixels**2)
+    weights /= cell_crowds(pixels, camera, settings.cells)
     variance = np.sum(weights * errors**2) / (2.0 * np.sum(weights))
     hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
     scale = settings.noise_correlation * max(float(variance), 1e-6)
-    return np.asarray(scale * np.linalg.pinv(hessian, hermitian=True))
+    return scale * covariance_from_information(hessian)
 
 
-def _solve_observed(hessian: Float64Array, gradient: Float64Array) -> Float64Array:
+def solve_observed(hessian: Float64Array, gradient: Float64Array) -> Float64Array:
     """Solves for the step; directions that the points do not determine are not moved."""
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))
     inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-9, hermitian=True)

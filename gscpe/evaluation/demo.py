@@ -14,8 +14,10 @@ from gscpe.errors import GscpeError, OutputError
 from gscpe.evaluation.motorcycle import Motorcycle, load_motorcycle
 from gscpe.evaluation.pictures import difference_picture, montage
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
-from gscpe.localizer import LocalizationResult, Localizer
+from gscpe.localization_result import LocalizationResult
+from gscpe.localizer import Localizer
 from gscpe.mapping import RgbdMapSettings, map_from_rgbd
+from gscpe.matching import make_matcher
 from gscpe.render import choose_backend
 from gscpe.scene import to_uint8, write_image
 
@@ -44,12 +46,15 @@ class DemoReport:
     pictures: dict[str, Path]
 
 
-def run_demo(output: str | Path, backend: str = "auto", progress: bool = False) -> DemoReport:
+def run_demo(
+    output: str | Path, backend: str = "auto", progress: bool = False, matcher: str = "auto"
+) -> DemoReport:
     """Maps the left Motorcycle photo with its true depth, localizes the right one in the map
     from the left one's pose, and writes pictures.
 
     Raises:
         RenderError: OpenGL is missing.
+        SettingsError, ModelError: as :func:`gscpe.matching.make_matcher`.
         OutputError: the pictures cannot be written.
         GscpeError: the photo was not localized.
     """
@@ -59,7 +64,7 @@ def run_demo(output: str | Path, backend: str = "auto", progress: bool = False) 
         raise OutputError(f"{output} cannot be written: {error.strerror}") from error
     with tqdm(total=4, disable=not progress, bar_format="{desc:<28}{bar}{elapsed}") as bar:
         bar.set_description_str("loading the photos")
-        backend = choose_backend(backend)
+        backend, chosen = choose_backend(backend), make_matcher(matcher)
         pair = load_motorcycle()
         bar.update()
 
@@ -77,12 +82,12 @@ def run_demo(output: str | Path, backend: str = "auto", progress: bool = False) 
         bar.update()
 
         bar.set_description_str("localizing the right photo")
-        with Localizer(map_, backend=backend) as localizer:
+        with Localizer(map_, matcher=chosen, backend=backend) as localizer:
             result = localizer.localize(pair.right, pair.right_camera)
             coarse, refined = result.coarse, result.refined
             if not result.localized or coarse is None or refined is None:
                 raise GscpeError(f"the demo photo was not localized: {result.reason}")
-            assert coarse.cam_from_world is not None and refined.cam_from_world is not None
+            assert coarse.cam_from_world is not None and result.cam_from_world is not None
             bar.update()
 
             bar.set_description_str("drawing pictures")
@@ -96,7 +101,7 @@ def run_demo(output: str | Path, backend: str = "auto", progress: bool = False) 
         true_cam_from_world=truth,
         result=result,
         coarse_error=pose_difference(coarse.cam_from_world, truth),
-        refined_error=pose_difference(refined.cam_from_world, truth),
+        refined_error=pose_difference(result.cam_from_world, truth),
         seconds=seconds | result.seconds,
         pictures=pictures,
     )
@@ -107,9 +112,10 @@ def _write_pictures(
 ) -> dict[str, Path]:
     assert result.coarse is not None and result.refined is not None
     pictures = {"photo": pair.right}
-    for stage, estimate in (("coarse", result.coarse), ("refined", result.refined)):
-        assert estimate.cam_from_world is not None
-        view = localizer.render(pair.right_camera, estimate.cam_from_world)
+    poses = {"coarse": result.coarse.cam_from_world, "refined": result.cam_from_world}
+    for stage, cam_from_world in poses.items():
+        assert cam_from_world is not None
+        view = localizer.render(pair.right_camera, cam_from_world)
         pictures[f"render at the {stage} pose"] = to_uint8(view.rgb)
         pictures[f"difference at the {stage} pose (x4)"] = difference_picture(
             pair.right, view, result.refined.gain, result.refined.bias

@@ -9,6 +9,7 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import SettingsError
+from gscpe.geometry.information import covariance_from_information
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.lucas_kanade import (
@@ -78,6 +79,7 @@ class RefinementResult:
         overlap: share of the image where both show the map, in [0, 1].
         pixels: that took part at full size.
         anchors: renders that served as templates.
+        metres_per_unit: the map's, or the one that tolerances were scaled by.
         converged: whether the last level converged.
         reason: why it failed, or None.
     """
@@ -91,6 +93,7 @@ class RefinementResult:
     overlap: float
     pixels: int
     anchors: int
+    metres_per_unit: float
     converged: bool
     reason: str | None = None
 
@@ -162,6 +165,7 @@ def refine_pose(
         overlap=overlap,
         pixels=alignment.pixels,
         anchors=anchors,
+        metres_per_unit=unit,
         converged=alignment.converged,
     )
 
@@ -193,7 +197,7 @@ def _align_levels(
 
 def _covariance(alignment: Alignment, settings: RefinementSettings) -> Float64Array:
     information = alignment.information / settings.noise_correlation
-    return np.asarray(np.linalg.pinv(information, hermitian=True))
+    return covariance_from_information(information)
 
 
 def _all_valid(photo: Photo) -> BoolArray:
@@ -202,4 +206,4 @@ def _all_valid(photo: Photo) -> BoolArray:
 
 def _failed(reason: str, anchors: int) -> RefinementResult:
     nan = float("nan")
-    return RefinementResult(None, None, nan, nan, nan, nan, 0.0, 0, anchors, False, reason)
+    return RefinementResult(None, None, nan, nan, nan, nan, 0.0, 0, anchors, nan, False, reason)

@@ -1,0 +1,40 @@
+"""Combines the two estimates of a pose, from matches and from image alignment.
+
+They err differently: matches by the map's geometry and the features' places, the alignment by
+what changed between map and photo. Weighted by their covariances, the mean of the two is better
+than either, and a refinement that has little to add cannot spoil a good coarse pose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.geometry import se3
+
+_SHARED_ERRORS = 2.0
+"""Both see one photo and one map, so their errors are not independent: the covariance of the
+mean is this much larger than independence would have it (calibrated, docs/benchmarks.md)."""
+
+
+def fuse_poses(
+    cam_from_world_a: Float64Array,
+    covariance_a: Float64Array,
+    cam_from_world_b: Float64Array,
+    covariance_b: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
+    """The mean of two poses, (4, 4), weighted by their information, and its covariance.
+
+    Args:
+        cam_from_world_a, cam_from_world_b: (4, 4), close to each other.
+        covariance_a, covariance_b: (6, 6) of xi in ``exp(xi) @ cam_from_world``.
+    """
+    b_from_a = se3.log(cam_from_world_b @ se3.inverse(cam_from_world_a))
+    # In units of a's deviations, so that metres and radians do not spoil the inverse.
+    scale = np.sqrt(np.diag(covariance_a))
+    a, b = covariance_a / np.outer(scale, scale), covariance_b / np.outer(scale, scale)
+    weight_of_b = np.linalg.solve((a + b).T, a.T).T  # a (a + b)^-1
+    step = scale * (weight_of_b @ (b_from_a / scale))
+    covariance = weight_of_b @ b
+    covariance = 0.5 * (covariance + covariance.T) * np.outer(scale, scale)
+    return se3.exp(step) @ cam_from_world_a, _SHARED_ERRORS * covariance
