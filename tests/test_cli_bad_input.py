@@ -12,7 +12,7 @@ from helpers import random_scene, splat_columns, splat_table, write_splat, write
 from scenes import ROOM_POSE, room, room_camera, room_map, write_colmap_model
 
 from gscpe.cli.main import main
-from gscpe.scene import save_map, write_image
+from gscpe.scene import open_map, save_map, write_image
 from gscpe.scene.pose_file import format_pose
 
 CAMERA = room_camera(60, 45)
@@ -290,3 +290,19 @@ def test_a_wrong_unit(place: Place, capsys: pytest.CaptureFixture[str]) -> None:
     for unit in ("0", "-1", "nan", "inf"):
         command = [*place.build_map(), f"--metres-per-unit={unit}"]
         check_refused(command, "metres per unit must be positive", capsys)
+
+
+def test_build_map_wants_photos_or_says_that_there_are_none(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    splat, output = tmp_path / "room.ply", tmp_path / "room.gsmap"
+    write_splat(splat, room_map().scene)
+    command = ["build-map", str(splat), "--output", str(output)]
+    for options in ([], ["--colmap", "model"], ["--no-references", "--images", "photos"]):
+        with pytest.raises(SystemExit) as error:
+            main([*command, *options])
+        assert error.value.code == 2
+        assert "--colmap and --images, or --no-references" in capsys.readouterr().err
+    assert main([*command, "--no-references"]) == 0
+    assert "no reference photos" in capsys.readouterr().out
+    assert len(open_map(output).references) == 0

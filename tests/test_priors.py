@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from pathlib import Path
 from typing import Iterator
 
 import numpy as np
@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import Localizer, PosePrior, References
+from gscpe import Localizer, PosePrior, open_map, save_map
 from gscpe.errors import MapError, PoseError
 from gscpe.geometry import pose_difference, se3
 from gscpe.hypotheses import different_places, near_the_prior_first
+from gscpe.mapping import map_without_references
 from gscpe.retrieval import RetrievedReference
 
 CAMERA = room_camera(240, 180)
@@ -105,14 +106,14 @@ def test_a_lost_frame_is_no_prior(localizer: Localizer, image: NDArray[np.uint8]
     assert localizer.localize(image, CAMERA, prior=lost).started_from == "reference"
 
 
-def test_a_map_without_references_needs_a_prior(image: NDArray[np.uint8]) -> None:
-    map_ = room_map()
-    bare = replace(
-        map_,
-        references=References((), np.zeros((0, 4, 4)), ()),
-        descriptors=replace(map_.descriptors, descriptors=map_.descriptors.descriptors[:0]),
-    )
-    with Localizer(bare) as localizer:
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_map_without_references_needs_a_prior(
+    compress: bool, image: NDArray[np.uint8], tmp_path: Path
+) -> None:
+    if compress:
+        pytest.importorskip("gaussforge", reason="compressed maps need gaussforge")
+    save_map(map_without_references(room_map().scene), tmp_path / "map", compress=compress)
+    with Localizer(open_map(tmp_path / "map")) as localizer:
         with pytest.raises(MapError, match="give a prior pose"):
             localizer.localize(image, CAMERA)
         found = localizer.localize(image, CAMERA, prior=PosePrior(moved(0.03, 1.0)))

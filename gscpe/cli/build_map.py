@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from gscpe.cli.common import Commands, add_backend, show_progress
-from gscpe.mapping import MapSettings, build_map, check_frames
+from gscpe.mapping import MapSettings, build_map, check_frames, map_without_references
 from gscpe.retrieval import METHODS, check_method
 from gscpe.scene import read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
@@ -18,9 +18,14 @@ def add_parser(commands: Commands) -> None:
         "splat", help="trained 3D Gaussian splat (.ply; also .spz, .splat, .ksplat, .sog)"
     )
     parser.add_argument(
-        "--colmap", required=True, metavar="MODEL_DIR", help="COLMAP model, in the splat's frame"
+        "--colmap", metavar="MODEL_DIR", help="COLMAP model of the photos, in the splat's frame"
     )
-    parser.add_argument("--images", required=True, metavar="IMAGE_DIR", help="the model's photos")
+    parser.add_argument("--images", metavar="IMAGE_DIR", help="the model's photos")
+    parser.add_argument(
+        "--no-references",
+        action="store_true",
+        help="a splat alone, without photos: every query then needs a prior pose (Python API)",
+    )
     parser.add_argument("--output", required=True, metavar="MAP", help="map folder to write")
     scale = parser.add_mutually_exclusive_group()
     scale.add_argument(
@@ -54,16 +59,25 @@ def add_parser(commands: Commands) -> None:
         "(needs gaussforge: pip install 'gscpe[formats]')",
     )
     add_backend(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:
+    given = options.colmap is not None, options.images is not None
+    if given != ((False, False) if options.no_references else (True, True)):
+        options.parser.error("give --colmap and --images, or --no-references")
     settings = MapSettings(
         retrieval=options.retrieval,
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
-    check_method(settings.retrieval)
     check_map_output(options.output, compress=options.compress)
+    if options.no_references:
+        scene = read_splat(options.splat)
+        map_ = map_without_references(scene, settings.metres_per_unit)
+        save_map(map_, options.output, compress=options.compress)
+        print(f"{options.output}: {len(scene)} Gaussians, no reference photos")
+        return 0
+    check_method(settings.retrieval)
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)
     if not options.no_check:

@@ -2,7 +2,7 @@
 
 from gscpe.mapping.frame_check import check_frames
 from gscpe.mapping.from_rgbd import RgbdMapSettings, map_from_rgbd, scene_from_rgbd
-from gscpe.mapping.from_splat import MapSettings, build_map
+from gscpe.mapping.from_splat import MapSettings, build_map, map_without_references
 
 __all__ = [
     "MapSettings",
@@ -10,5 +10,6 @@ __all__ = [
     "build_map",
     "check_frames",
     "map_from_rgbd",
+    "map_without_references",
     "scene_from_rgbd",
 ]

@@ -10,7 +10,15 @@ import numpy as np
 
 from gscpe.errors import SettingsError
 from gscpe.retrieval import describe_references, parse_method
-from gscpe.scene import GaussianScene, Map, Photo, References, read_image, to_photo
+from gscpe.scene import (
+    GaussianScene,
+    GlobalDescriptors,
+    Map,
+    Photo,
+    References,
+    read_image,
+    to_photo,
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,17 @@ def build_map(
         references=references,
         descriptors=describe_references(photos, settings.retrieval, progress),
         metres_per_unit=settings.metres_per_unit,
+    )
+
+
+def map_without_references(scene: GaussianScene, metres_per_unit: float | None = 1.0) -> Map:
+    """A map of a splat alone: it recognizes no place, so each query needs a prior pose."""
+    nothing = np.zeros((0, 0), dtype=np.float32)
+    return Map(
+        scene=scene,
+        references=References((), np.zeros((0, 4, 4)), ()),
+        descriptors=GlobalDescriptors(vocabulary=nothing, descriptors=nothing),
+        metres_per_unit=metres_per_unit,
     )
 
 
