@@ -41,6 +41,8 @@ class LucasKanadeSettings:
         max_template_pixels: the template is thinned to about so many, evenly: a quarter of
             a 640x480 image did as well as all of it, the strongest gradients did worse.
         min_noise: lower bound of the robust scale, luminance in [0, 1].
+        gain_and_bias: solve for them; else photo and render are compared as they are.
+        robust: Tukey's weights; else all residuals count alike.
     """
 
     max_iterations: int = 20
@@ -48,6 +50,8 @@ class LucasKanadeSettings:
     min_pixels: int = 200
     max_template_pixels: int = 80_000
     min_noise: float = 1.0 / 255.0
+    gain_and_bias: bool = True
+    robust: bool = True
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1 or self.min_pixels < 8 or self.max_template_pixels < 8:
@@ -168,7 +172,7 @@ def align(
         gain, bias: start.
         settings: see :class:`LucasKanadeSettings`.
     """
-    n = len(template.intensities)
+    n, unknowns = len(template.intensities), 8 if settings.gain_and_bias else 6
     design = np.empty((n, 8), dtype=np.float32)
     design[:, 6] = template.intensities
     design[:, 7] = 1.0
@@ -178,17 +182,18 @@ def align(
         if np.count_nonzero(usable) < settings.min_pixels:
             return None
         sigma = max(_robust_sigma(residuals[usable]), settings.min_noise)
-        weights = _tukey(residuals, sigma) * usable
+        weights = (_tukey(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
         np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
-        weighted = design * weights[:, None]
-        hessian = (weighted.T @ design).astype(np.float64)
+        weighted = design[:, :unknowns] * weights[:, None]
+        hessian = (weighted.T @ design[:, :unknowns]).astype(np.float64)
         if converged or iterations == settings.max_iterations:
             break
         step = _solve(hessian, (weighted.T @ residuals).astype(np.float64))
         if step is None:
             return None
         photo_from_anchor = photo_from_anchor @ se3.exp(-step[:6])
-        gain, bias = gain + step[6], bias + step[7]
+        if settings.gain_and_bias:
+            gain, bias = gain + step[6], bias + step[7]
         iterations += 1
         moved = np.sqrt(step[:6] @ template.motion @ step[:6])
         converged = bool(moved < settings.converged_pixels)
