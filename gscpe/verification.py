@@ -36,11 +36,11 @@ class VerificationSettings:
     """
 
     min_inliers: int = 20
-    min_inlier_share: float = 0.2
+    min_inlier_share: float = 0.5
     min_spread: float = 0.2
-    min_agreement: float = 0.3
-    min_tracking_agreement: float = 0.6
-    sure_agreement: float = 0.5
+    min_agreement: float = 0.25
+    min_tracking_agreement: float = 0.5
+    sure_agreement: float = 0.6
     min_overlap: float = 0.2
     max_shift: float = 0.1
     max_shift_degrees: float = 3.0

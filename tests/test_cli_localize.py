@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import LocalizationResult, Localizer
+from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.cli.main import main
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.scene import save_map, write_image
-from gscpe.scene.pose_file import parse_pose, read_poses
+from gscpe.scene.pose_file import format_pose, parse_pose, read_poses
 
 CAMERA = room_camera(240, 180)
 CAMERA_WORDS = CAMERA.colmap_text()
@@ -78,6 +79,72 @@ def test_one_photo_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert detail["refined"]["agreement"] > 0.8
 
 
+def photo_with_lens(path: Path, millimetres: int) -> Path:
+    """A JPEG of a 33 mm lens that claims to be of another."""
+    square = Camera.pinhole(240, 180, fx=230.0, fy=230.0, cx=120.0, cy=90.0)
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = millimetres
+    shot = room().shoot(square, POSES["a.png"], samples=2).uint8
+    Image.fromarray(shot).save(path, quality=95, exif=exif)
+    return path
+
+
+def test_one_photo_of_an_unknown_camera(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From a lens in the EXIF block that is 15% too long; and what is printed can be given as
+    --camera."""
+    photo = photo_with_lens(tmp_path / "a.jpg", 38)
+    arguments = ["localize", str(folder / "room.gsmap"), str(photo)]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    (line,) = err.splitlines()
+    assert line.startswith("camera estimated: PINHOLE,240,180,")
+    text = line.removeprefix("camera estimated: ")
+    camera = Camera.parse(text)
+    assert camera.fx == camera.fy == pytest.approx(230.0, rel=0.02)
+    assert (camera.cx, camera.cy) == (120.0, 90.0)
+    error = pose_difference(parse_pose(out.strip()), POSES["a.png"])
+    assert error.distance < 0.05
+    assert error.degrees < 0.2
+    assert main([*arguments, "--camera", text]) == 0
+    assert capsys.readouterr() == (out, "")
+
+
+def test_a_lens_that_cannot_be(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The search begins at the lens of the EXIF block, and 6 times as long is too far."""
+    photo = photo_with_lens(tmp_path / "a.jpg", 200)
+    assert main(["localize", str(folder / "room.gsmap"), str(photo)]) == 1
+    assert "focal length is not known" in capsys.readouterr().err
+
+
+def test_an_unknown_camera_of_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "nowhere.png")
+    assert main(["localize", str(folder / "room.gsmap"), photo]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith(f"{photo}: not localized: the camera's focal length is not known: ")
+    assert line.endswith("give the intrinsics")
+
+
+def test_a_prior_saves_retrieval(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "a.png")
+    arguments = ["localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS, "--json"]
+    near = format_pose(se3.exp([0.02, 0, 0, 0, 0.01, 0]) @ POSES["a.png"])
+    for sigma, start in ((["0.05", "2"], "tracking"), (["0.5", "20"], "prior")):
+        assert main([*arguments, "--prior", near, "--prior-sigma", *sigma]) == 0
+        detail = json.loads(capsys.readouterr().out)
+        assert detail["started_from"] == start
+        check(parse_pose(detail["cam_from_world"]), "a.png")
+    assert main([*arguments, "--prior", "1 0 0 0 nan 0 0"]) == 2
+    assert main([*arguments, "--prior", near, "--prior-sigma", "0", "1"]) == 2
+    with pytest.raises(SystemExit):
+        main([*arguments, "--prior-sigma", "1", "1"])
+
+
 @pytest.mark.parametrize("backend", ["gl", "cpu"])
 def test_backends(backend: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photo = str(folder / "photos" / "a.png")
@@ -128,11 +195,16 @@ class Interrupting(Localizer):
 
     photos = 0
 
-    def localize(self, image: NDArray[np.uint8], camera: Camera) -> LocalizationResult:
+    def localize(
+        self,
+        image: NDArray[np.uint8],
+        camera: Camera,
+        prior: PosePrior | LocalizationResult | None = None,
+    ) -> LocalizationResult:
         if Interrupting.photos == 2:
             raise KeyboardInterrupt
         Interrupting.photos += 1
-        return super().localize(image, camera)
+        return super().localize(image, camera, prior)
 
 
 def test_going_on_after_an_interruption(
@@ -167,7 +239,6 @@ def test_going_on_after_an_interruption(
     "arguments",
     [
         [],
-        ["a.png"],
         ["a.png", "--queries", "q.txt"],
         ["--queries", "q.txt"],
         ["--queries", "q.txt", "--images", "photos"],

@@ -16,10 +16,13 @@ from gscpe.cli.common import (
     print_json,
     show_progress,
 )
-from gscpe.errors import OutputError, QueryListError
+from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localizer import Localizer
-from gscpe.scene import Map, open_map, read_image
+from gscpe.localizer_settings import LocalizerSettings
+from gscpe.pose_prior import PosePrior
+from gscpe.scene import Map, camera_from_exif, open_map, read_image
+from gscpe.scene.pose_file import parse_pose
 from gscpe.scene.query_list import Query, read_query_list
 
 
@@ -27,8 +30,25 @@ def add_parser(commands: Commands) -> None:
     parser = commands.add_parser("localize", help="find where a photo, or many, were taken")
     parser.add_argument("map", help="map folder, from gscpe build-map")
     parser.add_argument("photo", nargs="?", help="one photo")
-    parser.add_argument("--camera", help=f"of the one photo: {CAMERA_HELP}")
+    parser.add_argument(
+        "--camera",
+        help=f"of the one photo: {CAMERA_HELP}. Without: its focal length is estimated, and lens "
+        "distortion taken to be small",
+    )
     parser.add_argument("--json", action="store_true", help="print all about the one photo")
+    parser.add_argument(
+        "--prior",
+        metavar="POSE",
+        help='where the one photo probably was taken: "qw qx qy qz tx ty tz", world to camera',
+    )
+    parser.add_argument(
+        "--prior-sigma",
+        nargs=2,
+        type=float,
+        metavar=("LENGTH", "DEGREES"),
+        help="standard deviations of the prior, map units and degrees "
+        f"(default: {PosePrior.translation_sigma} {PosePrior.rotation_sigma_degrees})",
+    )
     many = parser.add_argument_group("many photos")
     many.add_argument("--queries", metavar="FILE", help="lines of: name MODEL width height params")
     many.add_argument("--images", metavar="QUERY_DIR", help="folder of the query photos")
@@ -40,6 +60,11 @@ def add_parser(commands: Commands) -> None:
         help="a line a query with all that is known (default: beside the output)",
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    parser.add_argument(
+        "--retrieval-model",
+        metavar="ONNX",
+        help="the network that described the map's photos, where an exported one did",
+    )
     add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)
@@ -49,14 +74,13 @@ def run(options: argparse.Namespace) -> int:
     parser: argparse.ArgumentParser = options.parser
     if (options.photo is None) == (options.queries is None):
         parser.error("give either one photo, or --queries with --images and --output")
-    one, many = {"camera", "json"}, {"images", "output", "coarse_output", "details", "resume"}
+    one = {"camera", "json", "prior", "prior_sigma"}
+    many = {"images", "output", "coarse_output", "details", "resume"}
     alien = sorted(name for name in (one if options.queries else many) if getattr(options, name))
     if alien:
         option = "--" + alien[0].replace("_", "-")
         parser.error(f"{option} does not go with {'--queries' if options.queries else 'a photo'}")
     if options.photo is not None:
-        if options.camera is None:
-            parser.error("a photo needs its --camera")
         return _localize_photo(options)
     if options.images is None or options.output is None:
         parser.error("--queries needs --images and --output")
@@ -64,11 +88,22 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _localize_photo(options: argparse.Namespace) -> int:
-    query = Query(options.photo, Camera.parse(options.camera))
-    image = read_image(query.name)
-    query.camera.check_fits(image.shape, query.name)
+    camera = None if options.camera is None else Camera.parse(options.camera)
+    prior = _prior(options)
+    image = read_image(options.photo)
+    if camera is not None:
+        camera.check_fits(image.shape, options.photo)
     with _localizer(options, open_map(options.map)) as localizer:
-        result = localizer.localize(image, query.camera)
+        if camera is None:
+            try:
+                camera = localizer.estimate_camera(image, camera_from_exif(options.photo))
+            except CameraError as error:  # as if the photo were not recognized
+                print(f"{options.photo}: not localized: {error}", file=sys.stderr)
+                return 1
+            text = camera.colmap_text().replace(" ", ",")
+            print(f"camera estimated: {text}", file=sys.stderr)
+        result = localizer.localize(image, camera, prior)
+    query = Query(options.photo, camera)
     details = result_details(query, result)
     if options.json:
         print_json(details)
@@ -79,10 +114,18 @@ def _localize_photo(options: argparse.Namespace) -> int:
     return 0 if result.localized else 1
 
 
+def _prior(options: argparse.Namespace) -> PosePrior | None:
+    if options.prior is None:
+        if options.prior_sigma is not None:
+            options.parser.error("--prior-sigma needs --prior")
+        return None
+    cam_from_world = parse_pose(options.prior)
+    return PosePrior(cam_from_world, *(options.prior_sigma or ()))
+
+
 def _localizer(options: argparse.Namespace, map_: Map) -> Localizer:
-    return Localizer(
-        map_, matcher=options.matcher, backend=options.backend, progress=show_progress()
-    )
+    settings = LocalizerSettings(retrieval_model=options.retrieval_model)
+    return Localizer(map_, settings, options.matcher, options.backend, show_progress())
 
 
 def _localize_queries(options: argparse.Namespace) -> int:

@@ -29,7 +29,10 @@ def camera_from_exif(path: str | Path) -> Camera | None:
         with Image.open(path) as image:
             width, height = image.size
             equivalent = image.getexif().get_ifd(_EXIF_BLOCK).get(_FOCAL_LENGTH_35MM)
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+    except (
+        *(OSError, UnidentifiedImageError, SyntaxError, ValueError),
+        Image.DecompressionBombError,
+    ) as error:
         raise PhotoError(f"{path} is not an image that can be decoded: {error}") from error
     try:
         millimetres = float(equivalent) if equivalent is not None else 0.0
