@@ -19,8 +19,9 @@ from gscpe.cli.main import main
 from gscpe.errors import ModelError
 from gscpe.features.xfeat import XFeat
 from gscpe.matching.lighterglue import LighterGlue
-from gscpe.models import folder, install_model, installed_files, models_folder
+from gscpe.models import folder, installed_files, models_folder
 from gscpe.models.catalogue import CATALOGUE, XFEAT
+from gscpe.models.install import install_model
 
 pytest.importorskip("onnx", reason="onnx is an optional package (extra: models)")
 pytest.importorskip("onnxruntime", reason="onnxruntime has no wheel here")

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from gscpe.cli.common import Commands, print_json, show_progress
 from gscpe.errors import ModelError
-from gscpe.models import install_model, installed_files, models_folder
+from gscpe.models import installed_files, models_folder
 from gscpe.models.catalogue import CATALOGUE
+from gscpe.models.install import install_model
 
 
 def add_parser(commands: Commands) -> None:

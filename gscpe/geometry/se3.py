@@ -7,14 +7,22 @@ Lie theory for state estimation in robotics" (2018), section on SE(3).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
 
 _SMALL_ANGLE = 1e-4
+
+
+def _rotations() -> Any:
+    """SciPy's Rotation; importing it takes half of what all of gscpe takes."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
 
 
 def skew(vector: ArrayLike) -> Float64Array:
@@ -38,7 +46,7 @@ def exp(xi: ArrayLike) -> Float64Array:
     """The (4, 4) transform of a tangent vector ``xi = (translation, rotation)``, (6,)."""
     xi = np.asarray(xi, dtype=np.float64)
     transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_rotvec(xi[3:]).as_matrix()
+    transform[:3, :3] = _rotations().from_rotvec(xi[3:]).as_matrix()
     transform[:3, 3] = _left_jacobian(xi[3:]) @ xi[:3]
     return transform
 
@@ -46,7 +54,7 @@ def exp(xi: ArrayLike) -> Float64Array:
 def log(transform: ArrayLike) -> Float64Array:
     """The tangent vector, (6,), of a (4, 4) transform; the inverse of :func:`exp`."""
     transform = np.asarray(transform, dtype=np.float64)
-    rotation_vector = Rotation.from_matrix(transform[:3, :3]).as_rotvec()
+    rotation_vector = _rotations().from_matrix(transform[:3, :3]).as_rotvec()
     translation = np.linalg.solve(_left_jacobian(rotation_vector), transform[:3, 3])
     return np.concatenate([translation, rotation_vector])
 
@@ -92,14 +100,16 @@ def from_quaternion_translation(quaternion_wxyz: ArrayLike, translation: ArrayLi
         raise PoseError("a pose holds a number that is not finite")
     if np.linalg.norm(quaternion_wxyz) < 1e-6:
         raise PoseError("a pose holds a quaternion of length zero; expected qw qx qy qz")
-    rotation = Rotation.from_quat(quaternion_wxyz, scalar_first=True).as_matrix()
+    rotation = _rotations().from_quat(quaternion_wxyz, scalar_first=True).as_matrix()
     return from_rotation_translation(rotation, translation)
 
 
 def to_quaternion_translation(transform: ArrayLike) -> tuple[Float64Array, Float64Array]:
     """The quaternion ``(qw, qx, qy, qz)`` with ``qw >= 0`` and the (3,) translation."""
     transform = np.asarray(transform, dtype=np.float64)
-    quaternion = Rotation.from_matrix(transform[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    quaternion = (
+        _rotations().from_matrix(transform[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    )
     return np.asarray(quaternion, dtype=np.float64), transform[:3, 3].copy()
 
 

@@ -13,7 +13,6 @@ from pathlib import PurePath
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from gscpe.errors import PhotoError, SettingsError
@@ -142,6 +141,8 @@ def _surfels(
     tangent_u[:, 0] += z / camera.fx
     tangent_v = points_in_cam * slope_v[:, None]
     tangent_v[:, 1] += z / camera.fy
+
+    from scipy.spatial.transform import Rotation  # takes longer to import than all else
 
     tangents = np.stack([tangent_u, tangent_v], axis=2) * settings.surfel_sigma
     covariance = tangents @ tangents.transpose(0, 2, 1)

@@ -1,7 +1,6 @@
 """Trained networks: where they are, how they are made, how they are opened."""
 
 from gscpe.models.folder import InstalledFile, installed_files, model_path, models_folder
-from gscpe.models.install import install_model
 from gscpe.models.session import Network, Signature, TensorSpec, check_signature, open_session
 
 __all__ = [
@@ -10,7 +9,6 @@ __all__ = [
     "Signature",
     "TensorSpec",
     "check_signature",
-    "install_model",
     "installed_files",
     "model_path",
     "models_folder",

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Sequence
 
 import numpy as np
-from scipy.cluster.vq import kmeans2, vq
 
 from gscpe.arrays import Float32Array
 from gscpe.errors import SettingsError
@@ -48,6 +47,8 @@ def learn_vocabulary(
     words = max(1, min(settings.words, len(stacked) // 8))
     if len(stacked) < 2:
         return np.zeros((1, stacked.shape[1]), dtype=np.float32)
+    from scipy.cluster.vq import kmeans2
+
     centres, _ = kmeans2(stacked, words, iter=20, minit="++", rng=rng)
     return np.asarray(centres, dtype=np.float32)
 
@@ -59,6 +60,8 @@ def aggregate(descriptors: Float32Array, vocabulary: Float32Array) -> Float32Arr
     """
     residuals = np.zeros(vocabulary.shape, dtype=np.float32)
     if len(descriptors):
+        from scipy.cluster.vq import vq
+
         words, _ = vq(descriptors, vocabulary)
         np.add.at(residuals, words, descriptors - vocabulary[words])
     vlad = residuals.ravel()

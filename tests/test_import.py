@@ -1,0 +1,19 @@
+"""``import gscpe`` stays light: heavy and optional packages are imported where they are used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+HEAVY = (
+    *("faiss", "gaussforge", "matplotlib", "numba", "onnx", "onnxruntime", "PIL"),
+    *("pycolmap", "scipy", "skimage", "trimesh"),
+)
+
+
+def test_import_is_light() -> None:
+    program = f"import sys, gscpe; print([m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
