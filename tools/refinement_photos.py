@@ -1,0 +1,87 @@
+"""Photos as worse light, lenses and hands would have made them, for the refinement's benchmark.
+
+Each function takes and returns an (H, W, 3) uint8 RGB image. They work on the stored values,
+without undoing the camera's gamma.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Callable
+
+import cv2
+import numpy as np
+import skimage.data
+from numpy.typing import NDArray
+
+from gscpe.arrays import UInt8Array
+
+
+def exposed(image: UInt8Array, factor: float) -> UInt8Array:
+    """Times so much light; what is too bright is clipped."""
+    return _bytes(image * np.float64(factor))
+
+
+def with_gamma(image: UInt8Array, gamma: float) -> UInt8Array:
+    """Each value in [0, 1] to this power."""
+    return _bytes(255.0 * (image / 255.0) ** gamma)
+
+
+def colour_cast(image: UInt8Array, red: float, green: float, blue: float) -> UInt8Array:
+    """The channels times these factors, clipped."""
+    return _bytes(image * np.array([red, green, blue]))
+
+
+def vignetted(image: UInt8Array, corner: float) -> UInt8Array:
+    """Brightness falls with the fourth power of the cosine of the angle from the middle, to
+    the share ``corner`` in the corners."""
+    height, width = image.shape[:2]
+    y, x = np.mgrid[:height, :width] + 0.5 - np.array([height, width])[:, None, None] / 2
+    radius_squared = (x**2 + y**2) / ((width / 2) ** 2 + (height / 2) ** 2)
+    # cos^4 = (1 + tan^2)^-2, and tan grows with the radius.
+    tangent_squared = radius_squared * (corner**-0.5 - 1.0)
+    return _bytes(image * (1.0 + tangent_squared)[:, :, None] ** -2)
+
+
+def noisy(image: UInt8Array, sigma: float) -> UInt8Array:
+    """Gaussian noise in every value, independent; always the same for an image."""
+    rng = np.random.default_rng(int(image.sum()))
+    return _bytes(image + sigma * rng.standard_normal(image.shape))
+
+
+def motion_blurred(image: UInt8Array, pixels: int) -> UInt8Array:
+    """Moved sideways by so many pixels during the exposure, as much to the left as to the
+    right, so that the true pose stays in the middle."""
+    kernel = np.full((1, pixels), 1.0 / pixels)
+    blurred = cv2.filter2D(image, cv2.CV_64F, kernel, borderType=cv2.BORDER_REPLICATE)
+    return _bytes(np.asarray(blurred))
+
+
+def occluded(image: UInt8Array, area_share: float) -> UInt8Array:
+    """A photograph of a cup covers this share, a rectangle of the image's shape right and below
+    the middle."""
+    height, width = image.shape[:2]
+    rows, columns = (round(side * area_share**0.5) for side in (height, width))
+    top, left = (2 * (height - rows)) // 3, (2 * (width - columns)) // 3
+    result = image.copy()
+    result[top : top + rows, left : left + columns] = cv2.resize(
+        skimage.data.coffee(), (columns, rows), interpolation=cv2.INTER_AREA
+    )
+    return result
+
+
+def _bytes(values: NDArray[np.float64]) -> UInt8Array:
+    return np.asarray(np.rint(np.clip(values, 0.0, 255.0)), dtype=np.uint8)
+
+
+CHANGES: dict[str, Callable[[UInt8Array], UInt8Array]] = {
+    "exposure x 0.5": partial(exposed, factor=0.5),
+    "exposure x 2, clipped": partial(exposed, factor=2.0),
+    "gamma 0.7": partial(with_gamma, gamma=0.7),
+    "gamma 1.4": partial(with_gamma, gamma=1.4),
+    "colour cast (red x 1.2, blue x 0.7)": partial(colour_cast, red=1.2, green=1.0, blue=0.7),
+    "vignetting, 40% in the corners": partial(vignetted, corner=0.4),
+    "noise, sigma 8/255": partial(noisy, sigma=8.0),
+    "motion blur, 5 px": partial(motion_blurred, pixels=5),
+    "a quarter covered": partial(occluded, area_share=0.25),
+}
