@@ -2,6 +2,6 @@
 
 import sys
 
-from gscpe.cli.main import main
+from gscpe.cli import main
 
 sys.exit(main())

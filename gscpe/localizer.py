@@ -14,7 +14,7 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.attempt import Attempt, Query, Start, to_result
 from gscpe.clock import Clock
 from gscpe.coarse import estimate_coarse_pose
-from gscpe.errors import CameraError, MapError
+from gscpe.errors import CameraError, MapError, PoseError
 from gscpe.geometry.camera import Camera
 from gscpe.hypotheses import different_places, near_the_prior_first
 from gscpe.localization_result import LocalizationResult
@@ -95,12 +95,17 @@ class Localizer:
         Raises:
             PhotoError: shape or dtype of the image is wrong.
             CameraError: the camera is of another image size.
+            PoseError: the prior is something else.
             MapError: the map has no references, and there is no prior.
             RenderError: rendering failed.
             ModelError: a trained network failed.
         """
+        if not isinstance(camera, Camera):
+            raise CameraError("localize needs a Camera; Localizer.estimate_camera finds one")
         if isinstance(prior, LocalizationResult):
             prior = None if prior.cam_from_world is None else PosePrior(prior.cam_from_world)
+        if not isinstance(prior, PosePrior | None):
+            raise PoseError(f"a prior is a PosePrior or a result, not a {type(prior).__name__}")
         if prior is None and not len(self.map.references):
             raise MapError(
                 "this map has no reference photos to recognize a place by: give a prior pose, or "
@@ -218,7 +223,7 @@ class Localizer:
             if isinstance(estimate, Camera):
                 return estimate.resized(photo.camera.width, photo.camera.height)
             reason = estimate
-        raise CameraError(f"the camera's focal length is not known: {reason}; give the intrinsics")
+        raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
 
     def _reference_width(self) -> float:
         return float(np.median([camera.width for camera in self.map.references.cameras]))

@@ -117,7 +117,7 @@ def test_a_lens_that_cannot_be(
     """The search begins at the lens of the EXIF block, and 6 times as long is too far."""
     photo = photo_with_lens(tmp_path / "a.jpg", 200)
     assert main(["localize", str(folder / "room.gsmap"), str(photo)]) == 1
-    assert "focal length is not known" in capsys.readouterr().err
+    assert "focal length cannot be estimated" in capsys.readouterr().err
 
 
 def test_an_unknown_camera_of_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -126,8 +126,10 @@ def test_an_unknown_camera_of_nowhere(folder: Path, capsys: pytest.CaptureFixtur
     out, err = capsys.readouterr()
     assert out == ""
     (line,) = err.splitlines()
-    assert line.startswith(f"{photo}: not localized: the camera's focal length is not known: ")
-    assert line.endswith("give the intrinsics")
+    assert line.startswith(
+        f"{photo}: not localized: the camera's focal length cannot be estimated: "
+    )
+    assert line.endswith("no features to recognize a place by")
 
 
 def test_a_prior_saves_retrieval(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -86,7 +86,7 @@ def test_a_wall_seen_straight_on_leaves_it_open(rng: np.random.Generator) -> Non
     points, pixels, _ = seen_points(rng, (2.0, 2.0), 0)
     reason = estimate(points, pixels, 1.2)
     assert isinstance(reason, str)
-    assert "leave the focal length open" in reason
+    assert "leave it open" in reason
 
 
 def test_a_wall_seen_aslant_tells(rng: np.random.Generator) -> None:
@@ -147,7 +147,7 @@ def test_photos_that_do_not_tell(localizer: Localizer) -> None:
     blank = np.full((180, 240, 3), 128, np.uint8)
     elsewhere = wall().shoot(PHOTO_CAMERA, np.eye(4)).uint8
     for image in (blank, elsewhere):
-        with pytest.raises(CameraError, match=r"not known: .*; give the intrinsics"):
+        with pytest.raises(CameraError, match=r"cannot be estimated: "):
             localizer.estimate_camera(image)
     with pytest.raises(PhotoError, match="uint8 RGB, not float64"):
         localizer.estimate_camera(blank / 255.0)  # type: ignore[arg-type]

@@ -153,7 +153,7 @@ def test_where_the_map_shows_nothing(unit: float | None) -> None:
     result = refine(ROOM_POSE, renderer=Nothing(room()), unit=unit)
     assert result.cam_from_world is None
     assert result.covariance is None
-    assert result.reason == "too little of the map is visible around the coarse pose"
+    assert result.reason == "too little of the map is visible around the pose that it starts from"
 
 
 @pytest.mark.parametrize("name", ["black", "white", "grey", "noise", "another place"])

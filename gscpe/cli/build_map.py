@@ -24,7 +24,7 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--no-references",
         action="store_true",
-        help="a splat alone, without photos: every query then needs a prior pose (Python API)",
+        help="a splat alone, without photos: every query then needs a prior pose",
     )
     parser.add_argument("--output", required=True, metavar="MAP", help="map folder to write")
     scale = parser.add_mutually_exclusive_group()

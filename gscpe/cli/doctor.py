@@ -13,6 +13,7 @@ from gscpe import __version__
 from gscpe.cli.common import Commands
 from gscpe.errors import GscpeError, RenderError
 from gscpe.geometry import Camera
+from gscpe.models import installed_files
 from gscpe.render import RenderedView, Renderer, choose_backend, driver_info
 from gscpe.render.context import opengl_facts
 from gscpe.render.diagnosis import OpenGLFacts, findings
@@ -46,10 +47,26 @@ def run(options: argparse.Namespace) -> int:
     for package, use in _OPTIONAL.items():
         missing = f"missing (optional), for {use}: pip install {package}"
         _line(package, _version(package) or missing)
+    whole = _print_models()
     facts = _print_driver()
     views = {backend: view for backend in ("gl", "cpu") if (view := _try(backend)) is not None}
     agree = len(views) < 2 or _agree(views["gl"], views["cpu"])
-    return _verdict(views, agree, facts.is_software)
+    return _verdict(views, agree, facts.is_software, whole)
+
+
+def _print_models() -> bool:
+    """Whether no installed network is damaged; one that is missing is optional."""
+    files = installed_files()
+    for model in sorted({file.model for file in files}):
+        states = {file.state for file in files if file.model == model}
+        if states == {"ok"}:
+            text = "installed"
+        elif states == {"missing"}:
+            text = f"missing (optional), SIFT matches instead: gscpe models install {model}"
+        else:
+            text = f"DAMAGED, and asked for by default: gscpe models install {model}"
+        _line(f"model {model}", text)
+    return all(file.state in ("ok", "missing") for file in files)
 
 
 def _print_driver() -> OpenGLFacts:
@@ -106,7 +123,9 @@ def _agree(gl: RenderedView, cpu: RenderedView) -> bool:
     return agree
 
 
-def _verdict(views: dict[str, RenderedView], agree: bool, is_software: bool) -> int:
+def _verdict(
+    views: dict[str, RenderedView], agree: bool, is_software: bool, models_whole: bool
+) -> int:
     try:
         backend = choose_backend()
     except RenderError:
@@ -123,6 +142,9 @@ def _verdict(views: dict[str, RenderedView], agree: bool, is_software: bool) -> 
         return 1
     if not agree:
         print("the two ways of rendering disagree: update the graphics driver, or use another")
+        return 1
+    if not models_whole:
+        print("rendering works, but a network is damaged: install it again, as said above")
         return 1
     print("all is well: gscpe demo shows it at work")
     return 0

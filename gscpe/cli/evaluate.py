@@ -35,13 +35,15 @@ def run(options: argparse.Namespace) -> int:
             }
         )
         return 0
-    print(f"localized        {result.localized} of {result.queries}")
+    print(f"localized        {result.localized} of {result.queries} photos of the truth list")
     if result.localized:
         print(f"median position  {100.0 * result.median_distance:.3f} cm")
         print(f"median rotation  {result.median_degrees:.3f} deg")
     for (metres, degrees), share in zip(THRESHOLDS, result.shares, strict=True):
         limit = f"{100 * metres:.0f} cm / {degrees:.0f} deg"
         print(f"within {limit:<15} {100.0 * share:5.1f} %")
+    if result.localized < result.queries:
+        print("photos without a pose count as beyond every limit")
     if result.ignored:
         print(f"{result.ignored} estimates are of photos that are not in the truth list")
     return 0

@@ -16,7 +16,7 @@ from gscpe.cli.common import (
     print_json,
     show_progress,
 )
-from gscpe.errors import CameraError, OutputError, QueryListError
+from gscpe.errors import CameraError, MapError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localizer import Localizer
 from gscpe.localizer_settings import LocalizerSettings
@@ -53,7 +53,7 @@ def add_parser(commands: Commands) -> None:
     many.add_argument("--queries", metavar="FILE", help="lines of: name MODEL width height params")
     many.add_argument("--images", metavar="QUERY_DIR", help="folder of the query photos")
     many.add_argument("--output", metavar="POSES", help="poses: name qw qx qy qz tx ty tz")
-    many.add_argument("--coarse-output", metavar="POSES", help="the same before refinement")
+    many.add_argument("--coarse-output", metavar="POSES", help="those from matches alone")
     many.add_argument(
         "--details",
         metavar="JSONL",
@@ -103,6 +103,8 @@ def _localize_photo(options: argparse.Namespace) -> int:
             text = camera.colmap_text().replace(" ", ",")
             print(f"camera estimated: {text}", file=sys.stderr)
         result = localizer.localize(image, camera, prior)
+    if prior is not None and result.started_from == "reference":
+        print("the prior did not lead to a pose; reference photos did", file=sys.stderr)
     query = Query(options.photo, camera)
     details = result_details(query, result)
     if options.json:
@@ -137,7 +139,10 @@ def _localize_queries(options: argparse.Namespace) -> int:
         raise OutputError(f"--output {output} is a folder; give a file for the poses")
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
     check_outputs([output, details_path, options.coarse_output], inputs=[options.queries])
-    with _localizer(options, open_map(options.map)) as localizer:
+    map_ = open_map(options.map)
+    if not len(map_.references):
+        raise MapError(f"{options.map} has no reference photos to recognize places by")
+    with _localizer(options, map_) as localizer:
         try:
             localize_list(
                 localizer,

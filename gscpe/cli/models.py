@@ -52,4 +52,4 @@ def _list(options: argparse.Namespace) -> int:
         print(f"{file.model:<8} {file.path.name:<18} {file.size / 1e6:6.1f} MB  {file.state}")
     for model in sorted({file.model for file in files if file.state != "ok"}):
         print(f"to get {model}: gscpe models install {model}")
-    return 0
+    return 1 if any(file.state not in ("ok", "missing") for file in files) else 0

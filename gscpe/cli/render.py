@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, show_progress
-from gscpe.errors import OutputError
+from gscpe.errors import CameraError, OutputError
 from gscpe.evaluation.pictures import depth_picture
 from gscpe.geometry.camera import Camera
 from gscpe.render import Renderer
@@ -36,7 +36,13 @@ def add_parser(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     cam_from_world, camera = parse_pose(options.pose), Camera.parse(options.camera)
+    if not camera.is_pinhole:
+        raise CameraError(
+            "it draws what a pinhole camera sees, without lens distortion: give PINHOLE,..."
+        )
     folder = Path(options.output)
+    if folder.suffix.lower() in (".png", ".jpg", ".jpeg"):
+        raise OutputError(f"--output {folder} is to be a folder; it gets several pictures")
     scene = open_map(options.map).scene
     with Renderer(scene, options.backend, show_progress()) as renderer:
         view = renderer.render(camera, cam_from_world)

@@ -130,7 +130,10 @@ def _refined(
     covariance = pnp.noise_correlation * variance * covariance_from_information(hessian)
     sigma = float(np.sqrt(covariance[6, 6]))
     if sigma > settings.max_relative_sigma:
-        return f"the matches leave the focal length open (standard deviation {sigma:.0%})"
+        return (
+            f"the matches leave it open (standard deviation {sigma:.0%}), as those of a flat wall "
+            "do; give the intrinsics"
+        )
     near, _ = _near(points_world, pixels, camera, cam_from_world, pnp.inlier_pixels)
     return FocalEstimate(camera, cam_from_world, sigma, int(near.sum()))
 

@@ -104,7 +104,7 @@ def open_session(path: str | Path, threads: int | None = None) -> Any:
                 f"pip install --upgrade onnxruntime ({text})"
             ) from error
         raise ModelError(
-            f"{path} is not a readable ONNX file (damaged?); install it again ({text})"
+            f"{path} is not a readable ONNX file (damaged?); install or export it again ({text})"
         ) from error
 
 

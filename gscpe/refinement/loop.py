@@ -185,10 +185,10 @@ def _align_levels(
         if template is None:
             if level > 0:
                 continue  # a small image may lose all its pixels to the mask
-            return "too little of the map is visible around the coarse pose"
+            return "too little of the map is visible around the pose that it starts from"
         alignment = align(template, photo_levels[level], photo_from_anchor, gain, bias, settings)
         if alignment is None:
-            return "the photo and the map do not overlap around the coarse pose"
+            return "the photo and the map do not overlap around the pose that it starts from"
         photo_from_anchor = alignment.photo_from_anchor
         gain, bias = alignment.gain, alignment.bias
     assert alignment is not None

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
+import threading
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Callable, Iterable
+from contextlib import contextmanager
+from typing import Any, Callable, Iterable, Iterator
 
 import numpy as np
 from tqdm import tqdm
@@ -173,13 +176,31 @@ class CpuRasterizer:
             disable=not progress,
         ) as bar:
             self._after_kernel = bar.update
-            self.render(camera, np.eye(4))
+            with _interrupts_later():
+                self.render(camera, np.eye(4))
             self._after_kernel = None
 
     def close(self) -> None:
         if self._pool is not None:
             self._pool.shutdown(wait=self._pool_owner == os.getpid())
             self._pool = None
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Holds Ctrl-C back: an exception inside a callback of the compiler is lost, or ends as a
+    SystemError. Signals reach only the main thread, and only there can they be handled."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: received.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+        if received:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _available_cores() -> int:

@@ -45,7 +45,7 @@ def read_poses(path: str | Path) -> dict[str, Float64Array]:
         name, *words = line.split()
         if len(words) not in (7, 8):
             raise PoseError(
-                f"{path}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line!r}"
+                f"{path}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line[:60]!r}"
             )
         try:
             cam_from_world = parse_pose(" ".join(words[:7]))
