@@ -100,26 +100,41 @@ def test_covariance_counts_correlated_neighbours_once() -> None:
     assert np.linalg.eigvalsh(plain.covariance).min() > 0
 
 
-def test_it_renders_anew_while_it_moves() -> None:
-    """5 mm or half a degree from the anchor; either is enough."""
-    assert refine(ROOM_POSE, min_anchors=1).anchors == 1
-    shifted = se3.exp([0.008, 0, 0, 0, 0, 0]) @ ROOM_POSE
-    assert refine(shifted, min_anchors=1).anchors == 2
-    about_the_centre = se3.exp([0, 0, 0, 0, np.radians(0.8), 0]) @ ROOM_POSE
-    assert refine(about_the_centre, min_anchors=1).anchors == 2
-    assert refine(about_the_centre, min_anchors=1, rerender_rotation_degrees=1.0).anchors == 1
-    assert refine(shifted, min_anchors=1, rerender_translation=0.01).anchors == 1
-    assert refine(shifted, min_anchors=1, max_anchors=1).anchors == 1
+PAPER = {"rerender_translation": 0.005, "rerender_rotation_degrees": 0.5}
+
+
+def test_it_renders_anew_when_the_image_has_moved() -> None:
+    """8 mm at 2 m are a pixel of this camera; 2 mm are not."""
+    assert refine(ROOM_POSE).anchors == 1
+    shifted = se3.exp([0.016, 0, 0, 0, 0, 0]) @ ROOM_POSE
+    assert refine(shifted).anchors == 2
+    assert refine(shifted, rerender_pixels=10.0).anchors == 1
+    assert refine(se3.exp([0.002, 0, 0, 0, 0, 0]) @ ROOM_POSE).anchors == 1
+    assert refine(shifted, max_anchors=1).anchors == 1
     assert refine(ROOM_POSE, min_anchors=3).anchors == 3
+    for scale in (0.1, 10.0):  # the image moves alike, whatever the unit
+        assert refine(shifted, scale=scale, unit=1.0 / scale).anchors == 2
+        assert refine(shifted, scale=scale, unit=None).anchors == 2
 
 
-def test_it_renders_anew_by_the_metre() -> None:
+def test_the_papers_criterion() -> None:
+    """5 mm or half a degree from the anchor; either is enough."""
+    shifted = se3.exp([0.008, 0, 0, 0, 0, 0]) @ ROOM_POSE
+    turned = se3.exp([0, 0, 0, 0, np.radians(0.8), 0]) @ ROOM_POSE
+    assert refine(ROOM_POSE, **PAPER).anchors == 1
+    assert refine(shifted, **PAPER).anchors == 2
+    assert refine(turned, **PAPER).anchors == 2
+    assert refine(turned, **PAPER | {"rerender_rotation_degrees": 1.0}).anchors == 1
+    assert refine(shifted, **PAPER | {"rerender_translation": 0.01}).anchors == 1
+
+
+def test_the_papers_criterion_is_in_metres() -> None:
     """3 mm are less than 5 mm, in a map of decimetres and in one of decametres too."""
     near = se3.exp([0.003, 0, 0, 0, 0, 0]) @ ROOM_POSE
     far = se3.exp([0.008, 0, 0, 0, 0, 0]) @ ROOM_POSE
     for scale, unit in ((1.0, 1.0), (10.0, 0.1), (0.1, 10.0)):
-        assert refine(near, scale=scale, unit=unit, min_anchors=1).anchors == 1
-        assert refine(far, scale=scale, unit=unit, min_anchors=1).anchors == 2
+        assert refine(near, scale=scale, unit=unit, **PAPER).anchors == 1
+        assert refine(far, scale=scale, unit=unit, **PAPER).anchors == 2
 
 
 @pytest.mark.parametrize("levels", [0, 1, 2, 3, 12])

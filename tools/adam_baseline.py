@@ -28,6 +28,9 @@ from gscpe.refinement.pyramid import ImageLevel, anchor_pyramid, photo_pyramid
 from gscpe.render import Renderer
 from gscpe.scene import Photo, luminance
 
+_REDONE_METRES, _REDONE_DEGREES = 0.005, 0.5
+"""The paper's thresholds of a new render: 0.5 (no unit given, taken as cm) and 0.5 degrees."""
+
 
 @dataclass(frozen=True)
 class AdamSettings:
@@ -104,10 +107,9 @@ def refine_by_adam(
             cam_from_world = _transform(parameters) @ view.cam_from_world
             recorder.reached(cam_from_world)
         moved = pose_difference(cam_from_world, view.cam_from_world)
-        if (
-            moved.distance * unit > refinement.rerender_translation
-            or moved.degrees > refinement.rerender_rotation_degrees
-        ):
+        if moved.distance * unit > (
+            refinement.rerender_translation or _REDONE_METRES
+        ) or moved.degrees > (refinement.rerender_rotation_degrees or _REDONE_DEGREES):
             anchors = None
     return recorder.trajectory()
 

@@ -10,7 +10,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry.information import covariance_from_information
-from gscpe.geometry.pose_error import pose_difference
+from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.lucas_kanade import (
     Alignment,
@@ -42,9 +42,14 @@ class RefinementSettings:
         levels: S, times the image is halved (fewer where it would become tiny).
         max_anchors: renders that serve as templates, at most.
         min_anchors: ... at least; the later ones see the scene from the refined pose.
-        rerender_translation: metres since the anchor beyond which it is rendered anew.
-        rerender_rotation_degrees: the same for rotation; either is enough (the paper's
-            Algorithm 2 says both, its text either).
+        rerender_pixels: the scene is rendered anew when the image has moved more than this
+            since the anchor, root mean square: what the anchor shows of it, and how its
+            splats overlap, depends on that.
+        far_pixels: ... and when it has moved more than this, all levels are run again.
+        rerender_translation: the paper's criterion instead, where given: metres since the
+            anchor beyond which it is rendered anew, ...
+        rerender_rotation_degrees: ... or degrees (either is enough: the paper's Algorithm 2
+            says both, its text either).
         noise_correlation: neighbouring residuals are not independent: this many count as
             one in the covariance (calibrated, docs/benchmarks.md).
         visibility: the mask.
@@ -52,10 +57,12 @@ class RefinementSettings:
     """
 
     levels: int = 2
-    max_anchors: int = 3
-    min_anchors: int = 2
-    rerender_translation: float = 0.005
-    rerender_rotation_degrees: float = 0.5
+    max_anchors: int = 5
+    min_anchors: int = 1
+    rerender_pixels: float = 1.0
+    far_pixels: float = 8.0
+    rerender_translation: float | None = None
+    rerender_rotation_degrees: float | None = None
     noise_correlation: float = 1500.0
     visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
     solver: LucasKanadeSettings = field(default_factory=LucasKanadeSettings)
@@ -124,33 +131,33 @@ def refine_pose(
         most_levels,
     )
     cam_from_world = start_cam_from_world
-    gain, bias, alignment = 1.0, 0.0, None
+    gain, bias = 1.0, 0.0
+    alignment: Alignment | None = None
     anchors = 0
     while anchors < settings.max_anchors:
         view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
         unit = view.metres_per_unit(metres_per_unit)
         mask = visibility_mask(renderer, view, settings.visibility, unit)
-        # Later anchors start at the solution: the coarse levels have nothing to add.
-        levels = most_levels if anchors == 1 else min(1, most_levels)
+        # After a small step the anchor is at the solution: coarse levels have nothing to add.
+        near = alignment is not None and alignment.motion_pixels <= settings.far_pixels
+        levels = min(1, most_levels) if near else most_levels
         pyramid = anchor_pyramid(luminance(view.rgb), view.depth, mask, view.camera, levels)
-        alignment = _align_levels(pyramid, photo_levels, gain, bias, settings.solver)
-        if isinstance(alignment, str):
-            return _failed(alignment, anchors)
+        found = _align_levels(pyramid, photo_levels, gain, bias, settings.solver)
+        if isinstance(found, str):
+            return _failed(found, anchors)
+        alignment = found
         gain, bias = alignment.gain, alignment.bias
         cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
         _log.debug(
-            "anchor %d: moved %.4f and %.3f deg, residual %.4f, %d pixels",
-            anchors, moved.distance, moved.degrees, alignment.residual, alignment.pixels,
+            "anchor %d: moved %.4f and %.3f deg (%.2f px), residual %.4f, %d pixels",
+            anchors, moved.distance, moved.degrees, alignment.motion_pixels,
+            alignment.residual, alignment.pixels,
         )  # fmt: skip
-        far = (
-            moved.distance * unit > settings.rerender_translation
-            or moved.degrees > settings.rerender_rotation_degrees
-        )
-        if anchors >= settings.min_anchors and not far:
+        if anchors >= settings.min_anchors and not _is_far(alignment, moved, unit, settings):
             break
-    assert isinstance(alignment, Alignment)
+    assert alignment is not None
     level = len(pyramid) - 1
     agreement, overlap = photometric_agreement(
         pyramid[level], photo_levels[level], alignment.photo_from_anchor
@@ -170,6 +177,18 @@ def refine_pose(
     )
 
 
+def _is_far(
+    alignment: Alignment, moved: PoseDifference, unit: float, settings: RefinementSettings
+) -> bool:
+    """Whether the anchor is too far away to be the last."""
+    metres, degrees = settings.rerender_translation, settings.rerender_rotation_degrees
+    if metres is None and degrees is None:
+        return alignment.motion_pixels > settings.rerender_pixels
+    return (metres is not None and moved.distance * unit > metres) or (
+        degrees is not None and moved.degrees > degrees
+    )
+
+
 def _align_levels(
     anchor_levels: tuple[AnchorLevel, ...],
     photo_levels: tuple[ImageLevel, ...],
@@ -186,9 +205,12 @@ def _align_levels(
             if level > 0:
                 continue  # a small image may lose all its pixels to the mask
             return "too little of the map is visible around the pose that it starts from"
-        alignment = align(template, photo_levels[level], photo_from_anchor, gain, bias, settings)
-        if alignment is None:
+        found = align(template, photo_levels[level], photo_from_anchor, gain, bias, settings)
+        if found is None:
+            if level > 0:
+                continue  # it ran away; a larger image may hold it
             return "the photo and the map do not overlap around the pose that it starts from"
+        alignment = found
         photo_from_anchor = alignment.photo_from_anchor
         gain, bias = alignment.gain, alignment.bias
     assert alignment is not None

@@ -69,6 +69,8 @@ class Alignment:
         information: (6, 6), J^T W J / sigma^2 of ``exp(xi) @ photo_from_anchor``, for
             independent residuals.
         pixels: template pixels that were used in the end.
+        motion_pixels: how far the template's pixels have moved from where the anchor was
+            rendered, root mean square.
         iterations: steps taken.
         converged: whether the last step was small enough.
     """
@@ -79,6 +81,7 @@ class Alignment:
     residual: float
     information: Float64Array
     pixels: int
+    motion_pixels: float
     iterations: int
     converged: bool
 
@@ -204,9 +207,15 @@ def align(
         residual=float(sigma),
         information=_pose_information(hessian / sigma**2, photo_from_anchor),
         pixels=int(np.count_nonzero(usable)),
+        motion_pixels=_motion(template, photo_from_anchor),
         iterations=iterations,
         converged=converged,
     )
+
+
+def _motion(template: Template, photo_from_anchor: Float64Array) -> float:
+    xi = se3.log(photo_from_anchor)
+    return float(np.sqrt(xi @ template.motion @ xi))
 
 
 def _residuals(

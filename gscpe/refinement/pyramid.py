@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from gscpe.arrays import BoolArray, Float32Array
 from gscpe.geometry.camera import Camera
 
+_LENIENT_LEVEL = 3
+
 _T = TypeVar("_T", np.float32, np.bool_)
 
 
@@ -82,14 +84,20 @@ def anchor_pyramid(
     levels: int,
 ) -> tuple[AnchorLevel, ...]:
     """The anchor at full size and ``levels`` times halved; the mask is halved with it, so
-    that all contributing pixels are valid."""
+    that all contributing pixels are valid.
+
+    From the third halving on, where whole blocks of 8x8 pixels and more would have to be
+    valid and little were left of a cluttered scene, half of them are enough.
+    """
     pyramid = [AnchorLevel(image, valid, camera, depth)]
-    for _ in range(levels):
+    share = valid.astype(np.float32)
+    for level in range(1, levels + 1):
         last = pyramid[-1]
+        share = halve_mean(share)
         pyramid.append(
             AnchorLevel(
                 halve_mean(last.image),
-                halve_all(last.valid),
+                halve_all(last.valid) if level < _LENIENT_LEVEL else share >= 0.5,
                 halve_camera(last.camera),
                 halve_mean(last.depth),
             )
