@@ -65,5 +65,5 @@ def draw(shares: dict[str, list[float]], path: Path) -> None:
     axis.set_ylabel("ends within 1 cm and 1°, %")
     axis.set_ylim(-3, 103)
     axis.grid(visible=True, alpha=0.25)
-    axis.legend()
+    axis.legend(loc=(0.12, 0.12))
     save_figure(figure, path)
