@@ -34,7 +34,7 @@ def variants(full: RefinementSettings) -> dict[str, RefinementSettings]:
             visibility=replace(visibility, views=0, min_opacity=0.0, max_depth_step=np.inf),
         ),
         "mask without other views (V = 0)": replace(full, visibility=replace(visibility, views=0)),
-        "without a second render": replace(full, min_anchors=1, max_anchors=1),
+        "never a second render": replace(full, min_anchors=1, max_anchors=1),
         "without gain and bias": replace(full, solver=replace(solver, gain_and_bias=False)),
         "without robust weights": replace(full, solver=replace(solver, robust=False)),
     }
