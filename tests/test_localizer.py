@@ -68,7 +68,7 @@ def test_every_rasterizer(backend: str) -> None:
 def test_the_mapped_photo_itself(localizer: Localizer) -> None:
     """Where the map was fitted it is exact to a hundredth of a pixel."""
     result = localizer.localize(room_shot().uint8, CAMERA)
-    check(result, ROOM_POSE, distance=0.3e-3, degrees=0.007)
+    check(result, ROOM_POSE, distance=0.5e-3, degrees=0.012)
 
 
 def test_all_that_a_result_says(localizer: Localizer) -> None:
