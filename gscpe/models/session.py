@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Mapping, Sequence
@@ -10,6 +9,7 @@ from typing import Any, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gscpe.cores import available_cores
 from gscpe.errors import MissingDependencyError, ModelError
 
 _ERRORS_ONLY = 3
@@ -126,13 +126,6 @@ def check_signature(session: Any, path: str | Path, signature: Signature) -> Non
                     f"{path}: {spec.name} is a {tensor.type} of shape {tensor.shape} "
                     f"instead of a {spec.type} of shape {_readable(spec.shape)}"
                 )
-
-
-def available_cores() -> int:
-    """How many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _fits(found: Sequence[int | str | None], expected: tuple[int | None, ...]) -> bool:

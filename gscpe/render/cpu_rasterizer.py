@@ -18,6 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gscpe.arrays import Float64Array
+from gscpe.cores import available_cores
 from gscpe.errors import MissingDependencyError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
@@ -70,7 +71,7 @@ class CpuRasterizer:
         self._gaussians = (*(array[order] for array in arrays), order)
         self._antialiased = scene.antialiased
         self._slot_of = np.zeros(len(scene), dtype=np.int32)
-        self._threads = threads or _available_cores()
+        self._threads = threads or available_cores()
         self._pool: ThreadPoolExecutor | None = None
         self._pool_owner = 0
         self._after_kernel: Callable[[], Any] | None = None
@@ -201,11 +202,6 @@ def _interrupts_later() -> Iterator[None]:
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
         if received:
             signal.raise_signal(signal.SIGINT)
-
-
-def _available_cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux; a container may have fewer
-    return len(affinity(0)) if affinity else (os.cpu_count() or 1)
 
 
 def _chunks(count: int, size: int) -> list[tuple[int, int]]:
