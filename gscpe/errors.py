@@ -48,6 +48,10 @@ class QueryListError(InputError):
     """A list of query photos cannot be read."""
 
 
+class DatasetError(InputError):
+    """A data set's folder lacks a file, or one of them has another form."""
+
+
 class SettingsError(InputError):
     """A setting is out of its range, or settings contradict each other."""
 

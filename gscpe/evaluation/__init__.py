@@ -1,5 +1,13 @@
 """Errors against known poses, tables, and data with known answers."""
 
 from gscpe.evaluation.metrics import THRESHOLDS, Evaluation, evaluate, normalized_error_squared
+from gscpe.evaluation.scene_run import SceneRun, Stage
 
-__all__ = ["THRESHOLDS", "Evaluation", "evaluate", "normalized_error_squared"]
+__all__ = [
+    "THRESHOLDS",
+    "Evaluation",
+    "SceneRun",
+    "Stage",
+    "evaluate",
+    "normalized_error_squared",
+]

@@ -50,9 +50,15 @@ def normalized_error_squared(
 
 
 def evaluate(
-    estimates: Mapping[str, Float64Array], truth: Mapping[str, Float64Array]
+    estimates: Mapping[str, Float64Array],
+    truth: Mapping[str, Float64Array],
+    metres_per_unit: float = 1.0,
 ) -> Evaluation:
     """Compares estimated with true ``cam_from_world``, (4, 4) each, by photo name.
+
+    Args:
+        estimates, truth: poses by name, in the same frame and unit.
+        metres_per_unit: of both; distances are given in metres.
 
     Raises:
         PoseError: the truth is empty, or no estimate is of a photo in it.
@@ -66,7 +72,7 @@ def evaluate(
             f"for example {next(iter(estimates))!r} against {next(iter(truth))!r}"
         )
     errors = [pose_difference(estimates[name], truth[name]) for name in common]
-    distances = np.array([error.distance for error in errors])
+    distances = metres_per_unit * np.array([error.distance for error in errors])
     degrees = np.array([error.degrees for error in errors])
     return Evaluation(
         queries=len(truth),
