@@ -12,7 +12,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 
-_SHARED_ERRORS = 2.0
+SHARED_ERRORS = 1.5
 """Both see one photo and one map, so their errors are not independent: the covariance of the
 mean is this much larger than independence would have it (calibrated, docs/benchmarks.md)."""
 
@@ -37,4 +37,4 @@ def fuse_poses(
     step = scale * (weight_of_b @ (b_from_a / scale))
     covariance = weight_of_b @ b
     covariance = 0.5 * (covariance + covariance.T) * np.outer(scale, scale)
-    return se3.exp(step) @ cam_from_world_a, _SHARED_ERRORS * covariance
+    return se3.exp(step) @ cam_from_world_a, SHARED_ERRORS * covariance

@@ -7,7 +7,7 @@ from helpers import random_pose
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gscpe.fusion import fuse_poses
+from gscpe.fusion import SHARED_ERRORS, fuse_poses
 from gscpe.geometry import se3
 
 seeds = st.integers(0, 2**32 - 1)
@@ -39,7 +39,8 @@ def test_it_minimizes_the_sum_of_both_squared_errors(seed: int) -> None:
     for _ in range(10):
         step = rng.multivariate_normal(np.zeros(6), covariance)
         assert cost(se3.exp(step) @ fused) >= least - 1e-6 * abs(least)
-    expected = 2.0 * np.linalg.inv(np.linalg.inv(covariance_a) + np.linalg.inv(covariance_b))
+    information = np.linalg.inv(covariance_a) + np.linalg.inv(covariance_b)
+    expected = SHARED_ERRORS * np.linalg.inv(information)
     np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 

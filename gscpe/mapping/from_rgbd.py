@@ -4,6 +4,10 @@ One fat disc a pixel would be wrong: overlapping discs composite front to back a
 the picture on slanted surfaces by up to 0.7 px. A surfel spanned by the two one-pixel
 tangent vectors of the depth map projects to a small round dot from the source view,
 whatever the slant, and the blur that the dots add is taken back by fitting the colours.
+
+Dots overlap a little, and the nearer covers the farther. On a surface that faces the camera the
+slightest turn would reverse which is nearer, and shift the picture by up to 0.8 px. So neighbours
+stand in four layers, a fraction of a pixel's width apart: the order is the same from all sides.
 """
 
 from __future__ import annotations
@@ -24,6 +28,10 @@ from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import GaussianScene, Map, References, to_photo
 from gscpe.scene.gaussians import SH_C0
 
+_LAYERS = np.array([[0.0, 2.0], [3.0, 1.0]])
+"""Depth of each 2x2 pixels' surfels, in layer spacings behind the surface: the nearest cover
+most, so that the rendered depth is right on average."""
+
 
 @dataclass(frozen=True)
 class RgbdMapSettings:
@@ -33,6 +41,7 @@ class RgbdMapSettings:
         surfel_sigma: standard deviation of a surfel, in pixels of the photo.
         thickness: its standard deviation along the normal, relative to that.
         opacity: of each surfel.
+        layer_spacing: between the layers of neighbouring surfels, in widths of a pixel there.
         max_depth_step: relative change of depth from pixel to pixel that is an edge;
             no surfels stand there.
         colour_steps: Jacobi steps ``colour += colour_rate * (photo - render)``.
@@ -44,6 +53,7 @@ class RgbdMapSettings:
     surfel_sigma: float = 0.3
     thickness: float = 0.1
     opacity: float = 0.9
+    layer_spacing: float = 0.25
     max_depth_step: float = 0.02
     colour_steps: int = 8
     colour_rate: float = 0.7
@@ -151,8 +161,12 @@ def _surfels(
     axes = axes * np.reshape(np.sign(np.linalg.det(axes)), (-1, 1, 1))  # right-handed
     rotation = Rotation.from_matrix(world_from_cam[:3, :3] @ axes)
     colours = rgb[chosen].astype(np.float32) / 255.0
+    rows, columns = np.nonzero(chosen)
+    steps = settings.layer_spacing * _LAYERS[rows % 2, columns % 2] / camera.fx
     return GaussianScene(
-        means=transform_points(world_from_cam, points_in_cam).astype(np.float32),
+        means=transform_points(world_from_cam, points_in_cam * (1.0 + steps[:, None])).astype(
+            np.float32
+        ),
         quaternions=rotation.as_quat(scalar_first=True).astype(np.float32),
         scales=np.sqrt(variances).astype(np.float32),
         opacities=np.full(len(z), settings.opacity, dtype=np.float32),

@@ -9,12 +9,12 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import SettingsError
-from gscpe.geometry.information import covariance_from_information
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.lucas_kanade import (
     Alignment,
     LucasKanadeSettings,
+    Template,
     align,
     build_template,
 )
@@ -24,6 +24,7 @@ from gscpe.refinement.pyramid import (
     anchor_pyramid,
     photo_pyramid,
 )
+from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import Renderer
 from gscpe.scene import Photo, luminance
@@ -50,10 +51,9 @@ class RefinementSettings:
             anchor beyond which it is rendered anew, ...
         rerender_rotation_degrees: ... or degrees (either is enough: the paper's Algorithm 2
             says both, its text either).
-        noise_correlation: neighbouring residuals are not independent: this many count as
-            one in the covariance (calibrated, docs/benchmarks.md).
         visibility: the mask.
         solver: at each level.
+        uncertainty: of the covariance.
     """
 
     levels: int = 2
@@ -63,9 +63,9 @@ class RefinementSettings:
     far_pixels: float = 8.0
     rerender_translation: float | None = None
     rerender_rotation_degrees: float | None = None
-    noise_correlation: float = 1500.0
     visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
     solver: LucasKanadeSettings = field(default_factory=LucasKanadeSettings)
+    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
 
     def __post_init__(self) -> None:
         if self.levels < 0 or not 1 <= self.min_anchors <= self.max_anchors:
@@ -146,7 +146,7 @@ def refine_pose(
         found = _align_levels(pyramid, photo_levels, gain, bias, settings.solver)
         if isinstance(found, str):
             return _failed(found, anchors)
-        alignment = found
+        alignment, template = found
         gain, bias = alignment.gain, alignment.bias
         cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
@@ -164,7 +164,9 @@ def refine_pose(
     )
     return RefinementResult(
         cam_from_world=cam_from_world,
-        covariance=_covariance(alignment, settings),
+        covariance=pose_covariance(
+            template, photo_levels[0], alignment, settings.solver, settings.uncertainty
+        ),
         gain=alignment.gain,
         bias=alignment.bias,
         residual=alignment.residual,
@@ -195,8 +197,11 @@ def _align_levels(
     gain: float,
     bias: float,
     settings: LucasKanadeSettings,
-) -> Alignment | str:
-    """Aligns one anchor, small images first; a string says why it failed."""
+) -> tuple[Alignment, Template] | str:
+    """Aligns one anchor, small images first; a string says why it failed.
+
+    The template is that of the full size.
+    """
     photo_from_anchor = np.eye(4)
     alignment: Alignment | None = None
     for level in range(len(anchor_levels) - 1, -1, -1):
@@ -213,13 +218,8 @@ def _align_levels(
         alignment = found
         photo_from_anchor = alignment.photo_from_anchor
         gain, bias = alignment.gain, alignment.bias
-    assert alignment is not None
-    return alignment
-
-
-def _covariance(alignment: Alignment, settings: RefinementSettings) -> Float64Array:
-    information = alignment.information / settings.noise_correlation
-    return covariance_from_information(information)
+    assert alignment is not None and template is not None
+    return alignment, template
 
 
 def _all_valid(photo: Photo) -> BoolArray:

@@ -23,10 +23,8 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import unproject_image
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.robust import robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
-
-_TUKEY_CUTOFF = 4.685
-_MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True)
@@ -181,11 +179,11 @@ def align(
     design[:, 7] = 1.0
     converged, iterations = False, 0
     while True:
-        residuals, usable = _residuals(template, photo, photo_from_anchor, gain, bias)
+        residuals, usable = residuals_of(template, photo, photo_from_anchor, gain, bias)
         if np.count_nonzero(usable) < settings.min_pixels:
             return None
-        sigma = max(_robust_sigma(residuals[usable]), settings.min_noise)
-        weights = (_tukey(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
+        sigma = max(robust_sigma(residuals[usable]), settings.min_noise)
+        weights = (tukey_weights(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
         np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
         weighted = design[:, :unknowns] * weights[:, None]
         hessian = (weighted.T @ design[:, :unknowns]).astype(np.float64)
@@ -218,7 +216,7 @@ def _motion(template: Template, photo_from_anchor: Float64Array) -> float:
     return float(np.sqrt(xi @ template.motion @ xi))
 
 
-def _residuals(
+def residuals_of(
     template: Template,
     photo: ImageLevel,
     photo_from_anchor: Float64Array,
@@ -244,19 +242,6 @@ def warp(
     u = moved[0] * inverse_z * np.float32(camera.fx) + np.float32(camera.cx)
     v = moved[1] * inverse_z * np.float32(camera.fy) + np.float32(camera.cy)
     return u, v, ahead
-
-
-def _robust_sigma(residuals: Float32Array) -> float:
-    """Median absolute deviation from zero, as a standard deviation."""
-    step = max(1, len(residuals) // 20_000)
-    return float(_MAD_TO_SIGMA * np.median(np.abs(residuals[::step])))
-
-
-def _tukey(residuals: Float32Array, sigma: float) -> Float32Array:
-    """Tukey's biweight."""
-    scaled = residuals * np.float32(1.0 / (_TUKEY_CUTOFF * sigma))
-    kept = np.maximum(np.float32(1.0) - scaled * scaled, np.float32(0.0))
-    return np.asarray(kept * kept, dtype=np.float32)
 
 
 def _solve(hessian: Float64Array, right: Float64Array) -> Float64Array | None:

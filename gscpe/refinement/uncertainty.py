@@ -1,0 +1,121 @@
+"""How sure an alignment is, judged by what it could not explain.
+
+Where photo and render differ, they differ over whole regions: the map is a little off there, or
+the light has changed. So pixels are not independent, and the covariance of independent ones is
+far too small. The sandwich estimator takes the differences as they are (Huber, "Robust
+Statistics", 1981; with blocks: Liang and Zeger, Biometrika 1986): with ``s_b`` the sum over a
+block of ``w r J``,
+
+    C = H^-1 (sum_b s_b s_b^T) H^-1 / c^2,      H = sum w J J^T
+
+where c corrects H, made of weights, for the curvature of the robust loss. What is correlated
+beyond a block, such as a bent map, is not seen in it: C grows with the square root of rho, by
+which the blocks' sums exceed those of independent pixels. And gradients that noise makes are no
+evidence, though H counts them: in the direction of stripes they would promise what nothing can
+tell. Their share is taken off. Measured on four kinds of scenes: docs/benchmarks.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gscpe.arrays import Float64Array, IntArray
+from gscpe.geometry import se3
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.information import covariance_from_information
+from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, Template, residuals_of
+from gscpe.refinement.pyramid import ImageLevel
+from gscpe.refinement.robust import tukey_curvature, tukey_weights
+from gscpe.refinement.sampling import GRADIENT_NOISE
+
+_LEAST_CURVATURE = 0.1
+"""Where most residuals are beyond the kernel's bend, the curvature says nothing."""
+_LEAST_KEPT = 1e-6
+"""Share of the information of a direction, so that what is all noise keeps a finite variance."""
+
+
+@dataclass(frozen=True)
+class UncertaintySettings:
+    """Settings of the covariance.
+
+    Attributes:
+        blocks: a block is the photo's width divided by this.
+        shrinkage: there are few blocks beside the 36 numbers that they determine, so this
+            share of them is replaced by their mean, the shape being that of H.
+        factor: the covariance is multiplied by it (calibrated, docs/benchmarks.md).
+        least_pixels: what moves the picture by less cannot be told by any renderer and any
+            interpolation; root mean square.
+    """
+
+    blocks: int = 10
+    shrinkage: float = 0.5
+    factor: float = 2.5
+    least_pixels: float = 0.01
+
+
+def pose_covariance(
+    template: Template,
+    photo: ImageLevel,
+    alignment: Alignment,
+    solver: LucasKanadeSettings,
+    settings: UncertaintySettings,
+) -> Float64Array:
+    """(6, 6) of xi in ``exp(xi) @ photo_from_anchor``, (translation, rotation).
+
+    Args:
+        template, photo, solver: that were aligned.
+        alignment: what came of it.
+        settings: see :class:`UncertaintySettings`.
+    """
+    residuals, usable = residuals_of(
+        template, photo, alignment.photo_from_anchor, alignment.gain, alignment.bias
+    )
+    weights, curvatures = usable.astype(np.float32), usable.astype(np.float32)
+    if solver.robust:
+        weights *= tukey_weights(residuals, alignment.residual)
+        curvatures *= tukey_curvature(residuals, alignment.residual)
+    unknowns = 8 if solver.gain_and_bias else 6
+    light = np.stack([template.intensities, np.ones_like(residuals)])
+    design = np.concatenate([alignment.gain * template.jacobian.T, light])[:unknowns]
+    design = design.astype(np.float64)
+    hessian = (design * weights) @ design.T
+    inverse = covariance_from_information(hessian)
+    scores = design * (weights * residuals)
+    blocks = _blocks(template, photo.camera, settings.blocks)
+    sums = np.stack([np.bincount(blocks, score) for score in scores])
+    between, within = sums @ sums.T, scores @ scores.T
+
+    # Eight-bit photos are not better known than that, however well the render fits.
+    least = solver.min_noise**2
+    mean = max(float(np.trace(inverse @ between)) / unknowns, least)
+    rho = max(mean / max(float(np.trace(inverse @ within)) / unknowns, least), 1.0)
+    curved = (design * curvatures) @ design.T
+    curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
+    middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
+    factor = settings.factor * np.sqrt(rho) / curvature**2
+    root = np.linalg.cholesky(inverse)
+    noise = GRADIENT_NOISE * (alignment.gain * alignment.residual) ** 2 * float(np.sum(weights))
+    lost = noise * root[:6].T @ template.motion @ root[:6]
+    spread = root @ _inverse_root(np.eye(unknowns) - lost)
+    covariance = factor * (spread @ (root.T @ middle @ root) @ spread.T)[:6, :6]
+    covariance += settings.least_pixels**2 * covariance_from_information(template.motion)
+    to_photo = se3.adjoint(alignment.photo_from_anchor)
+    covariance = to_photo @ covariance @ to_photo.T
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _inverse_root(kept: Float64Array) -> Float64Array:
+    """The symmetric square root's inverse of the share of the information that is kept."""
+    values, vectors = np.linalg.eigh(kept)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_KEPT)) @ vectors.T)
+
+
+def _blocks(template: Template, camera: Camera, count: int) -> IntArray:
+    """A number for each template point's block of the anchor image, (N,)."""
+    x, y, z = template.points.astype(np.float64)
+    size = camera.width / count
+    column = np.clip((x / z * camera.fx + camera.cx) // size, 0, count - 1)
+    row = np.maximum((y / z * camera.fy + camera.cy) // size, 0)
+    return np.asarray(row * count + column, dtype=np.intp)

@@ -1,0 +1,118 @@
+"""Views that hardly determine the pose: no answer, or one whose covariance admits the error.
+
+Maps of one ray-cast RGB-D photo; queries 5 cm and 1.5 degrees beside it, with noise.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import Plane, World, room, room_camera, wall
+
+from gscpe import LocalizationResult, Localizer
+from gscpe.evaluation import normalized_error_squared
+from gscpe.geometry import pose_difference, se3
+from gscpe.mapping import map_from_rgbd
+from gscpe.scene import Map
+
+CAMERA = room_camera(240, 180)
+NOISE = 2.0 / 255.0
+
+
+def faded(world: World, contrast: float) -> World:
+    """The world in pale colours."""
+
+    def fade(plane: Plane) -> Plane:
+        mean = plane.texture.mean(axis=(1, 2), keepdims=True)
+        return replace(plane, texture=mean + np.float32(contrast) * (plane.texture - mean))
+
+    return World(tuple(fade(plane) for plane in world.planes))
+
+
+def striped(world: World) -> World:
+    """The first plane in vertical stripes: nothing tells how high the camera is."""
+    plane = world.planes[0]
+    stripes = np.broadcast_to(plane.texture.mean(axis=1, keepdims=True), plane.texture.shape)
+    stripes = np.float32(0.5) + 4 * (stripes - np.float32(0.5))
+    return World((replace(plane, texture=np.ascontiguousarray(stripes)),))
+
+
+WORLDS = {
+    "blank wall": functools.partial(faded, wall(), 0.0),
+    "pale wall": functools.partial(faded, wall(), 0.03),
+    "striped wall": functools.partial(striped, wall()),
+    "one plane": wall,
+    "pale room": functools.partial(faded, room(), 0.05),
+}
+
+
+@functools.cache
+def map_of(name: str) -> Map:
+    shot = WORLDS[name]().shoot(CAMERA, np.eye(4))
+    return map_from_rgbd(with_noise(shot.rgb, 0), shot.depth, CAMERA, np.eye(4))
+
+
+def with_noise(rgb: NDArray[np.float64], seed: int) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(seed)
+    noisy = rgb + NOISE * rng.normal(size=rgb.shape)
+    return np.asarray(np.rint(255 * np.clip(noisy, 0, 1)), dtype=np.uint8)
+
+
+def pose(seed: int) -> NDArray[np.float64]:
+    rng = np.random.default_rng(100 + seed)
+    return se3.exp(rng.normal(size=6) * [0.03, 0.03, 0.03, 0.015, 0.015, 0.015])
+
+
+def admits_its_error(result: LocalizationResult, truth: NDArray[np.float64]) -> bool:
+    """Six numbers are within 6 standard deviations of the truth, all together."""
+    if result.cam_from_world is None or result.covariance is None:
+        return not result.localized and result.reason is not None
+    return normalized_error_squared(result.cam_from_world, result.covariance, truth) < 6.0**2
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_never_confident_and_wrong(name: str) -> None:
+    with Localizer(map_of(name)) as localizer:
+        for seed in range(4):
+            photo = with_noise(WORLDS[name]().shoot(CAMERA, pose(seed)).rgb, seed)
+            assert admits_its_error(localizer.localize(photo, CAMERA), pose(seed))
+
+
+@pytest.mark.parametrize("name", ["blank wall", "striped wall"])
+def test_nothing_to_tell_where(name: str) -> None:
+    with Localizer(map_of(name)) as localizer:
+        photo = with_noise(WORLDS[name]().shoot(CAMERA, pose(1)).rgb, 1)
+        result = localizer.localize(photo, CAMERA)
+    assert not result.localized
+    assert result.reason
+
+
+def test_one_plane_is_enough() -> None:
+    with Localizer(map_of("one plane")) as localizer:
+        for seed in range(4):
+            photo = with_noise(wall().shoot(CAMERA, pose(seed)).rgb, seed)
+            result = localizer.localize(photo, CAMERA)
+            assert result.cam_from_world is not None, result.reason
+            error = pose_difference(result.cam_from_world, pose(seed))
+            assert error.distance < 2e-3  # a fifth of a pixel
+            assert error.degrees < 0.05
+
+
+@pytest.mark.parametrize("side", ["left", "top"])
+def test_half_of_the_photo_covered(side: str) -> None:
+    shot = room().shoot(CAMERA, np.eye(4))
+    rows, columns = {"left": (slice(None), slice(120)), "top": (slice(90), slice(None))}[side]
+    with Localizer(map_from_rgbd(shot.uint8, shot.depth, CAMERA, np.eye(4))) as localizer:
+        for seed in range(3):
+            photo = with_noise(room().shoot(CAMERA, pose(seed)).rgb, seed)
+            whole = localizer.localize(photo, CAMERA)
+            photo[rows, columns] = (70, 60, 50)
+            half = localizer.localize(photo, CAMERA)
+            assert admits_its_error(half, pose(seed))
+            if half.covariance is not None:
+                assert whole.covariance is not None
+                assert np.trace(half.covariance[:3, :3]) > np.trace(whole.covariance[:3, :3])

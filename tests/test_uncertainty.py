@@ -1,0 +1,151 @@
+"""The covariance of an alignment, against errors that are known.
+
+NEES is the squared error in units of the covariance; 6 on average when it is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import ROOM_POSE, away_from_creases, room, room_camera
+from scipy.ndimage import gaussian_filter
+
+from gscpe.geometry import se3
+from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, align, build_template
+from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.robust import tukey_curvature, tukey_weights
+from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
+from gscpe.scene import luminance
+
+CAMERA = room_camera(160, 120)
+SOLVER = LucasKanadeSettings()
+WORLD = room(smoothness=2.0)
+SHOT = WORLD.shoot(CAMERA, ROOM_POSE)
+GREY = luminance(SHOT.rgb.astype(np.float32))
+ROLLED = np.array([0.3, -0.1, 0.1, 0.02, -0.1, 1.3])
+
+
+def solve(
+    photo: NDArray[np.floating],
+    anchor: NDArray[np.floating] = GREY,
+    start: NDArray[np.float64] | None = None,
+    settings: UncertaintySettings | None = None,
+    solver: LucasKanadeSettings = SOLVER,
+) -> tuple[Alignment, NDArray[np.float64]]:
+    """Aligns the anchor with a photo and says how sure that is."""
+    level = AnchorLevel(anchor.astype(np.float32), away_from_creases(SHOT), CAMERA, SHOT.depth)
+    template = build_template(level, solver)
+    assert template is not None
+    image = ImageLevel(photo.astype(np.float32), np.ones(photo.shape, bool), CAMERA)
+    pose = np.eye(4) if start is None else se3.exp(start)
+    found = align(template, image, pose, 1.0, 0.0, solver)
+    assert found is not None
+    settings = settings or UncertaintySettings()
+    return found, pose_covariance(template, image, found, solver, settings)
+
+
+def nees(sigma_pixels: float, count: int = 40) -> tuple[float, float]:
+    """Mean over photos with noise of that correlation length: by the covariance, and as if
+    pixels were independent."""
+    rng = np.random.default_rng(1)
+    ours, independent = [], []
+    for _ in range(count):
+        noise = rng.normal(size=GREY.shape)
+        if sigma_pixels:
+            noise = gaussian_filter(noise, sigma_pixels)
+        found, covariance = solve(GREY + 0.02 * noise / noise.std())
+        xi = se3.log(se3.inverse(found.photo_from_anchor))
+        ours.append(xi @ np.linalg.solve(covariance, xi))
+        independent.append(xi @ found.information @ xi)
+    return float(np.mean(ours)), float(np.mean(independent))
+
+
+def test_white_noise() -> None:
+    """Careful, by a factor of six (measured: 0.9 and 4.9)."""
+    ours, independent = nees(0.0)
+    assert 3.0 < independent < 9.0
+    assert 0.3 < ours < 6.0
+
+
+@pytest.mark.parametrize("sigma", [2.0, 4.0])
+def test_correlated_noise(sigma: float) -> None:
+    """Measured: 0.5 and 0.4, where independent pixels would have it 125 and 238."""
+    ours, independent = nees(sigma)
+    assert independent > 60.0
+    assert 0.1 < ours < 6.0
+
+
+def test_it_is_of_a_step_on_the_photos_side(rng: np.random.Generator) -> None:
+    """The photo is rolled by 75 degrees, so that the anchor's side has other axes."""
+    photo = luminance(WORLD.shoot(CAMERA, se3.exp(ROLLED) @ ROOM_POSE).rgb.astype(np.float32))
+    settings = UncertaintySettings(shrinkage=1.0, least_pixels=0.0)
+    found, covariance = solve(
+        photo + 0.02 * rng.normal(size=photo.shape), start=ROLLED, settings=settings
+    )
+    # With all shrunk, the shape is that of independent pixels.
+    assert spread_of(covariance @ found.information) < 1.3
+    back = se3.adjoint(se3.inverse(found.photo_from_anchor))
+    assert spread_of(back @ covariance @ back.T @ found.information) > 3.0
+
+
+def spread_of(product: NDArray[np.float64]) -> float:
+    """Ratio of the largest eigenvalue to the smallest."""
+    values = np.abs(np.linalg.eigvals(product))
+    return float(values.max() / values.min())
+
+
+def test_a_perfect_fit_is_not_known_perfectly() -> None:
+    _, covariance = solve(GREY)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+    assert np.sqrt(covariance[3, 3]) * CAMERA.fx > 0.01  # pixels
+
+
+def test_noise_is_in_it(rng: np.random.Generator) -> None:
+    """Three times the noise, three times the deviation at least."""
+    noise = rng.normal(size=GREY.shape)
+    settings = UncertaintySettings(least_pixels=0.0)
+    (_, quiet), (_, loud) = (solve(GREY + s * noise, settings=settings) for s in (0.005, 0.015))
+    ratio = np.sqrt(np.trace(loud[:3, :3]) / np.trace(quiet[:3, :3]))
+    assert 2.7 < ratio < 6.0
+
+
+def test_noise_in_the_render_is_no_texture(rng: np.random.Generator) -> None:
+    """Nothing but noise varies down the picture: how high the camera is, cannot be told."""
+    stripes = np.broadcast_to(GREY.mean(axis=0), GREY.shape)
+    noise = [0.01 * rng.normal(size=GREY.shape) for _ in range(2)]
+    _, covariance = solve(stripes + noise[0], anchor=stripes + noise[1])
+    _, textured = solve(GREY + noise[0], anchor=GREY + noise[1])
+    assert covariance[1, 1] > 1000.0 * textured[1, 1]
+    assert covariance[0, 0] > textured[0, 0]
+    np.testing.assert_allclose(covariance, covariance.T)
+
+
+def test_a_part_of_the_picture_is_worth_less(rng: np.random.Generator) -> None:
+    photo = GREY + 0.02 * rng.normal(size=GREY.shape)
+    covered = photo.copy()
+    covered[:, :80] = 5.0  # far beyond the kernel
+    (_, whole), (_, half) = solve(photo), solve(covered)
+    assert np.all(np.diag(half) > np.diag(whole))
+
+
+@pytest.mark.parametrize("change", [{"robust": False}, {"gain_and_bias": False}])
+def test_every_solver(change: dict[str, bool], rng: np.random.Generator) -> None:
+    photo = GREY + 0.02 * rng.normal(size=GREY.shape)
+    _, usual = solve(photo)
+    _, other = solve(photo, solver=replace(SOLVER, **change))  # type: ignore[arg-type]
+    ratio = np.diag(other) / np.diag(usual)
+    assert ratio.min() > 0.2
+    assert ratio.max() < 5.0
+
+
+def test_curvature_is_the_slope_of_the_influence() -> None:
+    residuals, sigma, step = np.linspace(-0.1, 0.1, 201, dtype=np.float32), 0.02, np.float32(1e-4)
+
+    def influence(r: NDArray[np.float32]) -> NDArray[np.float32]:
+        return r * tukey_weights(r, sigma)
+
+    slope = (influence(residuals + step) - influence(residuals - step)) / (2 * step)
+    np.testing.assert_allclose(tukey_curvature(residuals, sigma), slope, atol=5e-3)
