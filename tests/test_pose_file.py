@@ -90,7 +90,8 @@ def test_an_empty_file_holds_no_poses(tmp_path: Path) -> None:
     [
         "b.png 1 0 0 0 0 0",
         "b.png",
-        f"b.png {IDENTITY} 525 7",
+        f"b.png {IDENTITY} 525 7 7",
+        f"b.png {IDENTITY} f",
         "b.png 1 0 0 0 0 zero 0",
         "b.png nan 0 0 0 0 0 0",
         "b.png 0 0 0 0 0 0 0",

@@ -1,4 +1,7 @@
-"""Pose files in hloc's form: ``name qw qx qy qz tx ty tz``, world to camera."""
+"""Pose files in hloc's form: ``name qw qx qy qz tx ty tz``, world to camera.
+
+The other forms are in :mod:`gscpe.scene.poses`.
+"""
 
 from __future__ import annotations
 
@@ -26,45 +29,78 @@ def parse_pose(text: str) -> Float64Array:
 
 
 def format_pose(cam_from_world: Float64Array) -> str:
-    """``qw qx qy qz tx ty tz``; :func:`parse_pose` reads it back."""
+    """``qw qx qy qz tx ty tz``; :func:`parse_pose` reads it back, right to 1e-9 up to 1000
+    units from the origin."""
     quaternion, translation = se3.to_quaternion_translation(cam_from_world)
-    return " ".join(f"{number:.10g}" for number in (*quaternion, *translation))
+    return " ".join(f"{number:.12g}" for number in (*quaternion, *translation))
 
 
 def read_poses(path: str | Path) -> dict[str, Float64Array]:
     """Names and ``cam_from_world``, (4, 4), of a pose file.
 
-    A ninth number (the focal length of the 7-Scenes pseudo ground truth) is ignored, and
-    so are empty lines and lines that begin with ``#``.
+    Up to two more numbers are ignored (the focal length of the 7-Scenes pseudo ground truth,
+    the two errors in DSAC*'s estimates), and so are empty lines and lines that begin with
+    ``#``.
 
     Raises:
         PoseError: the file cannot be read, a line has another form, or a name comes twice.
     """
+    return parse_poses(read_pose_text(path), str(path))
+
+
+def parse_poses(text: str, source: str) -> dict[str, Float64Array]:
+    """As :func:`read_poses`, of the text of a file; ``source`` names it in errors."""
     poses: dict[str, Float64Array] = {}
-    for number, line in _lines(Path(path)):
+    for number, line in pose_lines(text):
         name, *words = line.split()
-        if len(words) not in (7, 8):
+        if not 7 <= len(words) <= 9 or not all(is_number(word.rstrip(",")) for word in words[7:]):
             raise PoseError(
-                f"{path}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line[:60]!r}"
+                f"{source}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line[:60]!r}"
             )
         try:
             cam_from_world = parse_pose(" ".join(words[:7]))
         except PoseError as error:
-            raise PoseError(f"{path}, line {number}: {error}") from None
-        if name in poses:
-            raise PoseError(f"{path}, line {number}: {name} has a pose already")
-        poses[name] = cam_from_world
+            raise PoseError(f"{source}, line {number}: {error}") from None
+        add_pose(poses, name, cam_from_world, f"{source}, line {number}")
     return poses
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def add_pose(
+    poses: dict[str, Float64Array], name: str, cam_from_world: Float64Array, where: str
+) -> None:
+    """Raises PoseError when the name has a pose already."""
+    if name in poses:
+        raise PoseError(f"{where}: {name} has a pose already")
+    poses[name] = cam_from_world
+
+
+def read_pose_text(path: str | Path) -> str:
+    """The text of a pose file.
+
+    Raises:
+        PoseError: the file cannot be read, or is no text.
+    """
+    path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise PoseError(f"pose file {path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise PoseError(f"{path} is not a text file of poses") from error
+
+
+def pose_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Number, from 1, and text of the lines that are neither empty nor begin with ``#``."""
     for number, line in enumerate(text.splitlines(), start=1):
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
             yield number, stripped
+
+
+def is_number(word: str) -> bool:
+    """Whether a word is a number as Python reads it."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

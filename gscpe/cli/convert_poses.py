@@ -1,0 +1,61 @@
+"""``gscpe convert-poses``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gscpe.cli.common import Commands
+from gscpe.errors import OutputError
+from gscpe.scene.poses import (
+    POSE_FORMATS,
+    format_of_path,
+    poses_by_name,
+    read_pose_file,
+    write_pose_file,
+)
+from gscpe.scene.query_list import read_query_list
+
+
+def add_parser(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "convert-poses", help="write a pose file in another form: hloc, pgt, colmap, tum, json"
+    )
+    parser.add_argument("input", help="pose file of any of the forms, or gscpe's details (.jsonl)")
+    parser.add_argument("output", help="images.txt (colmap), .txt (hloc), .tum or .json")
+    parser.add_argument(
+        "--from",
+        dest="from_format",
+        choices=POSE_FORMATS,
+        help="form of the input (default: what its first line looks like)",
+    )
+    parser.add_argument(
+        "--to",
+        dest="to_format",
+        choices=POSE_FORMATS,
+        help="form of the output (default: what its name stands for)",
+    )
+    parser.add_argument(
+        "--queries",
+        metavar="LIST",
+        help="all photos and their cameras, name MODEL width height params: focal lengths for "
+        "pgt, camera ids for colmap, positions for tum; names for what is read from tum",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    if Path(options.input).resolve() == Path(options.output).resolve():
+        raise OutputError(f"{options.output} is the input too; choose another")
+    to_format = options.to_format or format_of_path(options.output)
+    file = read_pose_file(options.input, options.from_format)
+    poses, cameras = file.poses, file.cameras or None
+    if options.queries:
+        cameras = {query.name: query.camera for query in read_query_list(options.queries)}
+        if file.format == "tum":
+            poses, _ = poses_by_name(poses, list(cameras))
+    elif cameras is not None and not poses.keys() <= cameras.keys():
+        cameras = None  # a file that tells only some cameras is no list of all photos
+    write_pose_file(options.output, poses, to_format, cameras)
+    print(f"{options.output}: {len(poses)} poses, {file.format} to {to_format}")
+    return 0

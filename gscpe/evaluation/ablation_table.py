@@ -1,0 +1,56 @@
+"""What is lost when a part is left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+
+from gscpe.evaluation import published
+from gscpe.evaluation.table import NOTHING, Table
+
+
+@dataclass(frozen=True)
+class AblationRow:
+    """Median errors with a part left out."""
+
+    name: str
+    centimetres: float
+    degrees: float
+
+
+def ablation_table(
+    title: str, rows: Sequence[AblationRow], *, with_published: bool = False
+) -> Table:
+    """Median errors, a row a variant; the paper's Office ablation below, if asked for."""
+    named = [(row, False) for row in rows]
+    if with_published:
+        named += [(AblationRow(*row), True) for row in published.ABLATION]
+    notes = f"published: {published.METHOD} on {published.DATASET} {published.ABLATION_SCENE}"
+    return Table(
+        title,
+        ("", "position (cm)", "rotation (°)"),
+        tuple(
+            (
+                f"{row.name} (published)" if theirs else row.name,
+                _number(row.centimetres, 2 if theirs else 3),
+                _number(row.degrees, 3),
+            )
+            for row, theirs in named
+        ),
+        (notes,) if with_published else (),
+        tuple(
+            {
+                "name": row.name,
+                "published": theirs,
+                "median_position_cm": row.centimetres,
+                "median_rotation_degrees": row.degrees,
+            }
+            for row, theirs in named
+        ),
+    )
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else NOTHING

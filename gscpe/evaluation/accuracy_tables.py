@@ -1,0 +1,183 @@
+"""How exact a benchmark's poses are: median errors by scene, and shares within limits.
+
+"refined" is the final pose throughout, as :meth:`SceneRun.poses` of the stage ``final`` has
+it. The paper's numbers stand beside ours only where data set, ground truth and split are
+the paper's; a run says so with ``setup["split"] == "official"``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Iterator, Sequence
+
+import numpy as np
+
+from gscpe.evaluation import published
+from gscpe.evaluation.metrics import THRESHOLDS, Evaluation
+from gscpe.evaluation.scene_run import SceneRun, Stage
+from gscpe.evaluation.table import NOTHING, Table
+
+STAGES: tuple[tuple[Stage, str], ...] = (("coarse", "coarse"), ("final", "refined"))
+REFINED = "refined: the final pose, the mean of the coarse and the aligned pose by covariance"
+_AVERAGE = "average: mean of the scenes' medians"
+_NO_UNIT = "u: map units, where a scene's unit in metres is not known"
+
+
+def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
+    """Median errors: a row a stage, a column a scene; the average where there are several."""
+    scenes = [run.scene for run in runs]
+    rows, records = [], []
+    final = [run.evaluate("final", truth) for run in runs]
+    queries, localized = sum(r.queries for r in final), sum(r.localized for r in final)
+    lost = f"{queries - localized} of {queries}"
+    for stage, label in STAGES:
+        results = [run.evaluate(stage, truth) for run in runs]
+        cells = [_cell(run, result) for run, result in zip(runs, results, strict=True)]
+        record: dict[str, Any] = {"stage": label, "published": False, "scenes": {}}
+        for run, result in zip(runs, results, strict=True):
+            record["scenes"][run.scene] = {
+                **_errors(run, result),
+                "queries": result.queries,
+                "with_pose": result.localized,
+            }
+        if len(runs) > 1:
+            centimetres, degrees = _averages(runs, results)
+            cells.append(_pair(centimetres, degrees))
+            record["average"] = {
+                "median_position_cm": centimetres,
+                "median_rotation_degrees": degrees,
+            }
+        cells.append(lost)
+        rows.append((label, *cells))
+        records.append(record)
+    notes = [REFINED, *_without_coarse(truth, runs)]
+    if len(runs) > 1:
+        notes.append(_AVERAGE)
+    if any(run.metres_per_unit is None for run in runs):
+        notes.append(_NO_UNIT)
+    theirs = list(_published_rows(scenes)) if _is_the_papers(dataset, truth, runs) else []
+    if theirs:
+        notes.append(f"published: {published.METHOD}, {published.SOURCE}")
+    rows += [row for row, _ in theirs]
+    records += [record for _, record in theirs]
+    return Table(
+        f"{dataset}, ground truth {truth}: median position (cm) / rotation (°)",
+        ("", *scenes, *(["average"] if len(runs) > 1 else []), "not localized"),
+        tuple(rows),
+        tuple(notes),
+        tuple(records),
+    )
+
+
+def shares_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
+    """Shares of all queries within each of THRESHOLDS, scene by scene and on average."""
+    limits = [f"{100 * metres:.0f} cm / {degrees:.0f}°" for metres, degrees in THRESHOLDS]
+    rows, records = [], []
+
+    def add(scene: str, stage: str, shares: Sequence[float]) -> None:
+        cells = [NOTHING if np.isnan(share) else f"{100 * share:.1f}%" for share in shares]
+        rows.append((f"{scene}, {stage}", *cells))
+        within = [
+            {"position_cm": 100 * metres, "rotation_degrees": degrees, "share": float(share)}
+            for (metres, degrees), share in zip(THRESHOLDS, shares, strict=True)
+        ]
+        records.append({"scene": scene, "stage": stage, "within": within})
+
+    every: dict[str, list[Sequence[float]]] = {label: [] for _, label in STAGES}
+    for run in runs:
+        for stage, label in STAGES:
+            result = run.evaluate(stage, truth)
+            said = run.metres_per_unit is not None
+            if stage == "coarse" and _tracked(run, truth):
+                said = False
+            every[label].append(result.shares if said else (np.nan,) * len(THRESHOLDS))
+            add(run.scene, label, every[label][-1])
+    if len(runs) > 1:
+        for label, shares in every.items():
+            add("average", label, np.mean(shares, axis=0).tolist())
+    return Table(
+        f"{dataset}, ground truth {truth}: queries within",
+        ("", *limits),
+        tuple(rows),
+        (
+            REFINED,
+            "a query without a pose counts as beyond every limit",
+            *_without_coarse(truth, runs),
+        ),
+        tuple(records),
+    )
+
+
+def _is_the_papers(dataset: str, truth: str, runs: Sequence[SceneRun]) -> bool:
+    return (dataset, truth) == (published.DATASET, published.TRUTH) and all(
+        run.setup.get("split") == published.SPLIT for run in runs
+    )
+
+
+def _published_rows(scenes: Sequence[str]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    """The paper's average stands only beside ours of the same scenes."""
+    columns: list[str | None] = [*scenes]
+    if len(scenes) > 1:
+        columns.append(None)
+    for stage, label in STAGES:
+        errors = [
+            None
+            if scene is None and set(scenes) != set(published.SCENES)
+            else published.error_of(stage, scene)
+            for scene in columns
+        ]
+        if not any(errors):
+            continue
+        values = {
+            scene: {"median_position_cm": e.centimetres, "median_rotation_degrees": e.degrees}
+            for scene, e in zip(columns, errors, strict=True)
+            if e is not None
+        }
+        record: dict[str, Any] = {"stage": label, "published": True}
+        record["scenes"] = {scene: value for scene, value in values.items() if scene is not None}
+        if None in values:
+            record["average"] = values[None]
+        cells = [NOTHING if e is None else _pair(e.centimetres, e.degrees) for e in errors]
+        yield (f"{published.METHOD}, {label} (published)", *cells, NOTHING), record
+
+
+def _tracked(run: SceneRun, truth: str) -> int:
+    """How many localized queries have no coarse pose: they were followed from a prior."""
+    return run.evaluate("final", truth).localized - run.evaluate("coarse", truth).localized
+
+
+def _without_coarse(truth: str, runs: Sequence[SceneRun]) -> Iterator[str]:
+    count = sum(_tracked(run, truth) for run in runs)
+    if count:
+        yield f"coarse: without {count} localized queries that needed no coarse stage"
+
+
+def _errors(run: SceneRun, result: Evaluation) -> dict[str, float]:
+    if run.metres_per_unit is None:
+        return {
+            "median_position_units": result.median_distance,
+            "median_rotation_degrees": result.median_degrees,
+        }
+    return {
+        "median_position_cm": 100.0 * result.median_distance,
+        "median_rotation_degrees": result.median_degrees,
+    }
+
+
+def _averages(runs: Sequence[SceneRun], results: Sequence[Evaluation]) -> tuple[float, float]:
+    """Centimetres and degrees; NaN where a scene has none."""
+    metric = all(run.metres_per_unit is not None for run in runs)
+    centimetres = 100.0 * float(np.mean([r.median_distance for r in results]))
+    degrees = float(np.mean([r.median_degrees for r in results]))
+    return (centimetres if metric else float("nan")), degrees
+
+
+def _cell(run: SceneRun, result: Evaluation) -> str:
+    if run.metres_per_unit is not None:
+        return _pair(100.0 * result.median_distance, result.median_degrees)
+    if np.isnan(result.median_distance):
+        return NOTHING
+    return f"{result.median_distance:.4g} u / {result.median_degrees:.2f}"
+
+
+def _pair(centimetres: float, degrees: float) -> str:
+    return NOTHING if np.isnan(centimetres) else f"{centimetres:.2f} / {degrees:.2f}"

@@ -1,0 +1,62 @@
+"""How long a benchmark's queries took, by stage."""
+
+from __future__ import annotations
+
+from typing import Any, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from gscpe.evaluation import published
+from gscpe.evaluation.scene_run import SceneRun
+from gscpe.evaluation.table import NOTHING, Table
+
+_TIMED = ("features", "retrieval", "coarse", "refinement", "total")
+
+
+def runtime_table(runs: Sequence[SceneRun]) -> Table:
+    """Seconds a query by stage, median / mean over the queries that reached it."""
+    rows, records = [], []
+
+    def add(name: str, details: Sequence[Mapping[str, Any]]) -> None:
+        cells, record = [], {}
+        for stage in _TIMED:
+            seconds = [d["seconds"][stage] for d in details if stage in d["seconds"]]
+            median = float(np.median(seconds)) if seconds else float("nan")
+            mean = float(np.mean(seconds)) if seconds else float("nan")
+            cells.append(f"{median:.3f} / {mean:.3f}" if seconds else NOTHING)
+            record[stage] = {"median_s": median, "mean_s": mean, "queries": len(seconds)}
+        rows.append((name, *cells))
+        records.append({"name": name, "published": False, "stages": record})
+
+    for run in runs:
+        add(f"{run.dataset} {run.scene}", run.details)
+    if len(runs) > 1:
+        add("all", [detail for run in runs for detail in run.details])
+    seconds = [published.SECONDS.get(stage) for stage in _TIMED]
+    name = f"{published.METHOD} on an {published.MACHINE} (published)"
+    rows.append((name, *(NOTHING if s is None else f"{s:.3f}" for s in seconds)))
+    records.append(
+        {
+            "name": name,
+            "published": True,
+            "stages": {f"{stage}_s": s for stage, s in zip(_TIMED, seconds, strict=True)},
+        }
+    )
+    return Table(
+        "Seconds a query: median / mean",
+        ("", *_TIMED),
+        tuple(rows),
+        ("over the queries that reached a stage", *_setups(runs)),
+        tuple(records),
+    )
+
+
+def _setups(runs: Sequence[SceneRun]) -> Iterator[str]:
+    """What the runs ran with, once where it is the same for several."""
+    scenes: dict[str, list[str]] = {}
+    for run in runs:
+        setup = ", ".join(f"{key} {run.setup[key]}" for key in sorted(run.setup))
+        if setup:
+            scenes.setdefault(setup, []).append(run.scene)
+    for setup, names in scenes.items():
+        yield setup if len(scenes) == 1 else f"{', '.join(names)}: {setup}"

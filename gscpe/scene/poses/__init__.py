@@ -1,0 +1,17 @@
+"""Files of poses in the forms of hloc, COLMAP, TUM, 7-Scenes' pseudo ground truth, and JSON."""
+
+from gscpe.scene.poses.correspondence import MatchedBy, poses_by_name
+from gscpe.scene.poses.detect import POSE_FORMATS, PoseFormat, detect_format
+from gscpe.scene.poses.files import PoseFile, format_of_path, read_pose_file, write_pose_file
+
+__all__ = [
+    "POSE_FORMATS",
+    "MatchedBy",
+    "PoseFile",
+    "PoseFormat",
+    "detect_format",
+    "format_of_path",
+    "poses_by_name",
+    "read_pose_file",
+    "write_pose_file",
+]
