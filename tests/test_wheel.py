@@ -19,5 +19,5 @@ def test_the_wheel_holds_all_that_runs(tmp_path: Path) -> None:
         assert f"gscpe/shaders/{shader.name}" in names
     for module in (ROOT / "gscpe").rglob("*.py"):
         assert str(module.relative_to(ROOT)) in names
-    assert "gscpe/py.typed" in names
+    assert {"gscpe/py.typed", "gscpe/report/page.css", "gscpe/report/page.js"} <= names
     assert not [name for name in names if name.startswith(("tests", "tools", "examples"))]

