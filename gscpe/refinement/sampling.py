@@ -7,9 +7,6 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array
 
-GRADIENT_NOISE = 2.0 * (3.0**2 + 10.0**2 + 3.0**2) / 32.0**2
-"""Variance of each component of :func:`gradient` where the image is noise of variance 1."""
-
 
 def sample_bilinear(
     image: Float32Array, valid: BoolArray, u: Float32Array, v: Float32Array

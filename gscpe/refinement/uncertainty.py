@@ -11,8 +11,9 @@ block of ``w r J``,
 where c corrects H, made of weights, for the curvature of the robust loss. What is correlated
 beyond a block, such as a bent map, is not seen in it: C grows with the square root of rho, by
 which the blocks' sums exceed those of independent pixels. And gradients that noise makes are no
-evidence, though H counts them: in the direction of stripes they would promise what nothing can
-tell. Their share is taken off. Measured on four kinds of scenes: docs/benchmarks.md.
+evidence, though H counts them: along stripes they would promise what nothing can tell. But the
+render's noise is not the photo's, so only what the gradients of both share is counted. Measured
+on four kinds of scenes: docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -25,10 +26,16 @@ from gscpe.arrays import Float64Array, IntArray
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
-from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, Template, residuals_of
+from gscpe.refinement.lucas_kanade import (
+    Alignment,
+    LucasKanadeSettings,
+    Template,
+    residuals_of,
+    warp,
+)
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
-from gscpe.refinement.sampling import GRADIENT_NOISE
+from gscpe.refinement.sampling import gradient, sample_bilinear
 
 _LEAST_CURVATURE = 0.1
 """Where most residuals are beyond the kernel's bend, the curvature says nothing."""
@@ -52,7 +59,7 @@ class UncertaintySettings:
     blocks: int = 10
     shrinkage: float = 0.5
     factor: float = 2.5
-    least_pixels: float = 0.01
+    least_pixels: float = 0.004
 
 
 def pose_covariance(
@@ -96,9 +103,10 @@ def pose_covariance(
     middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
     factor = settings.factor * np.sqrt(rho) / curvature**2
     root = np.linalg.cholesky(inverse)
-    noise = GRADIENT_NOISE * (alignment.gain * alignment.residual) ** 2 * float(np.sum(weights))
-    lost = noise * root[:6].T @ template.motion @ root[:6]
-    spread = root @ _inverse_root(np.eye(unknowns) - lost)
+    seen = design.copy()
+    seen[:6] = _photo_jacobian(template, photo, alignment)
+    shared = (seen * weights) @ design.T
+    spread = root @ _inverse_root(root.T @ (0.5 * (shared + shared.T)) @ root)
     covariance = factor * (spread @ (root.T @ middle @ root) @ spread.T)[:6, :6]
     covariance += settings.least_pixels**2 * covariance_from_information(template.motion)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
@@ -106,10 +114,23 @@ def pose_covariance(
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
+def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment) -> Float64Array:
+    """As the template's, (6, N), but of the photo's own gradients where its points are seen."""
+    photo_from_anchor = alignment.photo_from_anchor
+    u, v, _ = warp(template.points, photo_from_anchor, photo.camera)
+    by_u, by_v = (sample_bilinear(image, photo.valid, u, v)[0] for image in gradient(photo.image))
+    points = template.points.astype(np.float64)
+    x, y, z = photo_from_anchor[:3, :3] @ points + photo_from_anchor[:3, 3, None]
+    z = np.maximum(z, 1e-3)
+    by_x, by_y = by_u * photo.camera.fx / z, by_v * photo.camera.fy / z
+    by_point = photo_from_anchor[:3, :3].T @ np.stack([by_x, by_y, -(by_x * x + by_y * y) / z])
+    return np.concatenate([by_point, np.cross(points, by_point, axis=0)])
+
+
 def _inverse_root(kept: Float64Array) -> Float64Array:
     """The symmetric square root's inverse of the share of the information that is kept."""
     values, vectors = np.linalg.eigh(kept)
-    return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_KEPT)) @ vectors.T)
+    return np.asarray(vectors / np.sqrt(np.clip(values, _LEAST_KEPT, 1.0)) @ vectors.T)
 
 
 def _blocks(template: Template, camera: Camera, count: int) -> IntArray:
