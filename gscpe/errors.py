@@ -66,3 +66,7 @@ class RenderError(GscpeError):
 
 class MissingDependencyError(GscpeError):
     """An optional package is needed for this and is not installed."""
+
+
+class WorkerError(GscpeError):
+    """Workers cannot be started or reached, or they die without having done anything."""

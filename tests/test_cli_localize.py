@@ -216,7 +216,7 @@ def test_going_on_after_an_interruption(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     output = tmp_path / "poses.txt"
-    monkeypatch.setattr("gscpe.cli.localize.Localizer", Interrupting)
+    monkeypatch.setattr("gscpe.batch.worker.Localizer", Interrupting)
     monkeypatch.setattr(Interrupting, "photos", 0)
     assert localize_list(folder, output) == 130
     out, err = capsys.readouterr()

@@ -39,6 +39,30 @@ def add_matcher(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """``--workers`` and ``--scheduler``, for the commands that localize lists; what they say is
+    for :func:`gscpe.batch.make_crew`."""
+    who = parser.add_mutually_exclusive_group()
+    who.add_argument(
+        "--workers",
+        metavar="N",
+        type=_positive,
+        help="processes that share the work and the cores (default: what is faster here)",
+    )
+    who.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="have the workers of a Dask scheduler do the work, for example "
+        "tcp://10.0.0.1:8786; they read map and photos from the same paths",
+    )
+
+
+def _positive(text: str) -> int:
+    if not (text.isdecimal() and int(text)):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return int(text)
+
+
 def print_json(data: Any) -> None:
     """Prints data as JSON."""
     print(json.dumps(data, indent=2))

@@ -3,27 +3,40 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
-from gscpe.batch import check_outputs, localize_list, read_details, result_details, write_poses
+from gscpe.batch import (
+    Instructions,
+    check_outputs,
+    choose_workers,
+    localize_with,
+    make_crew,
+    read_details,
+    result_details,
+    write_poses,
+)
 from gscpe.cli.common import (
     CAMERA_HELP,
     Commands,
     add_backend,
     add_matcher,
+    add_workers,
     print_json,
     show_progress,
 )
-from gscpe.errors import CameraError, MapError, OutputError, QueryListError
+from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localizer import Localizer
 from gscpe.localizer_settings import LocalizerSettings
 from gscpe.pose_prior import PosePrior
-from gscpe.scene import Map, camera_from_exif, open_map, read_image
+from gscpe.scene import camera_from_exif, open_map, read_image
 from gscpe.scene.pose_file import parse_pose
 from gscpe.scene.query_list import Query, read_query_list
+
+_log = logging.getLogger(__name__)
 
 
 def add_parser(commands: Commands) -> None:
@@ -60,6 +73,7 @@ def add_parser(commands: Commands) -> None:
         help="a line a query with all that is known (default: beside the output)",
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    add_workers(many)
     parser.add_argument(
         "--retrieval-model",
         metavar="ONNX",
@@ -75,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     if (options.photo is None) == (options.queries is None):
         parser.error("give either one photo, or --queries with --images and --output")
     one = {"camera", "json", "prior", "prior_sigma"}
-    many = {"images", "output", "coarse_output", "details", "resume"}
+    many = {"images", "output", "coarse_output", "details", "resume", "workers", "scheduler"}
     alien = sorted(name for name in (one if options.queries else many) if getattr(options, name))
     if alien:
         option = "--" + alien[0].replace("_", "-")
@@ -93,7 +107,13 @@ def _localize_photo(options: argparse.Namespace) -> int:
     image = read_image(options.photo)
     if camera is not None:
         camera.check_fits(image.shape, options.photo)
-    with _localizer(options, open_map(options.map)) as localizer:
+    with Localizer(
+        open_map(options.map),
+        LocalizerSettings(retrieval_model=options.retrieval_model),
+        options.matcher,
+        options.backend,
+        show_progress(),
+    ) as localizer:
         if camera is None:
             try:
                 camera = localizer.estimate_camera(image, camera_from_exif(options.photo))
@@ -125,11 +145,6 @@ def _prior(options: argparse.Namespace) -> PosePrior | None:
     return PosePrior(cam_from_world, *(options.prior_sigma or ()))
 
 
-def _localizer(options: argparse.Namespace, map_: Map) -> Localizer:
-    settings = LocalizerSettings(retrieval_model=options.retrieval_model)
-    return Localizer(map_, settings, options.matcher, options.backend, show_progress())
-
-
 def _localize_queries(options: argparse.Namespace) -> int:
     queries = read_query_list(options.queries)
     if not Path(options.images).is_dir():
@@ -139,19 +154,20 @@ def _localize_queries(options: argparse.Namespace) -> int:
         raise OutputError(f"--output {output} is a folder; give a file for the poses")
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
     check_outputs([output, details_path, options.coarse_output], inputs=[options.queries])
-    map_ = open_map(options.map)
-    if not len(map_.references):
-        raise MapError(f"{options.map} has no reference photos to recognize places by")
-    with _localizer(options, map_) as localizer:
+    instructions = Instructions.of(
+        options.map,
+        options.images,
+        LocalizerSettings(retrieval_model=options.retrieval_model),
+        options.matcher,
+        options.backend,
+    )
+    workers = options.workers
+    if workers is None and options.scheduler is None:
+        workers = choose_workers(instructions, len(queries))
+    with make_crew(instructions, workers or 1, options.scheduler, show_progress()) as crew:
+        _log.info("%s", crew.description)
         try:
-            localize_list(
-                localizer,
-                queries,
-                options.images,
-                details_path,
-                resume=options.resume,
-                progress=show_progress(),
-            )
+            localize_with(crew, queries, details_path, options.resume, show_progress())
         finally:  # also when interrupted: what is finished is written
             finished = read_details(details_path)
             details = [finished[query.name] for query in queries if query.name in finished]

@@ -1,6 +1,6 @@
 """Point matches between a photo and a render, behind one protocol."""
 
-from gscpe.matching.choose import MATCHERS, make_matcher
+from gscpe.matching.choose import MATCHERS, make_matcher, matcher_name
 from gscpe.matching.lighterglue_matcher import LighterGlueMatcher, LighterGlueMatcherSettings
 from gscpe.matching.onnx_matcher import OnnxMatcher, OnnxMatcherSettings
 from gscpe.matching.polish import PolishSettings
@@ -22,4 +22,5 @@ __all__ = [
     "XFeatMatcher",
     "XFeatMatcherSettings",
     "make_matcher",
+    "matcher_name",
 ]

@@ -31,9 +31,8 @@ def make_matcher(name: str = "auto") -> Matcher:
         ModelError: its networks are not installed, damaged, or not of the expected form.
         MissingDependencyError: onnxruntime is not installed.
     """
-    if name == "auto":
-        name = "sift" if _state("xfeat.onnx") == "missing" else "xfeat"
-        _log.info("photos and renders are matched by %s", name)
+    name = matcher_name(name)
+    _log.info("photos and renders are matched by %s", name)
     if name == "sift":
         return SiftMatcher()
     if name == "xfeat":
@@ -46,6 +45,13 @@ def make_matcher(name: str = "auto") -> Matcher:
     if name.startswith(_ONNX) and len(name) > len(_ONNX):
         return OnnxMatcher(Path(name.removeprefix(_ONNX)))
     raise SettingsError(f"there is no matcher {name!r}; choose one of {', '.join(MATCHERS)}")
+
+
+def matcher_name(name: str) -> str:
+    """What ``auto`` stands for on this machine; other names as they are."""
+    if name != "auto":
+        return name
+    return "sift" if _state("xfeat.onnx") == "missing" else "xfeat"
 
 
 def _state(network: str) -> str:

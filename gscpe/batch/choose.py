@@ -1,0 +1,88 @@
+"""Which crew does the work."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from gscpe.batch.crew import Crew
+from gscpe.batch.instructions import Instructions
+from gscpe.batch.process_crew import ProcessCrew
+from gscpe.batch.serial_crew import SerialCrew
+from gscpe.batch.worker import Worker
+from gscpe.cores import available_cores
+from gscpe.errors import MapError, SettingsError
+from gscpe.render import choose_backend
+
+_PHOTOS_A_WORKER = 8
+"""Fewer than these are localized in the time that one more worker takes to start."""
+
+_BYTES = 500_000_000
+_BYTES_A_GAUSSIAN = 1000
+"""Memory of a worker on the CPU, rounded up from what tools/bench_batch.py measures."""
+
+
+def make_crew(
+    instructions: Instructions,
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: bool = False,
+) -> Crew:
+    """The crew that was asked for, ready to work.
+
+    Args:
+        instructions: of the workers.
+        workers: processes on this machine; 1: this one.
+        scheduler: address of a Dask scheduler, whose workers are taken instead.
+        progress: show a bar when this process compiles the CPU rasterizer.
+
+    Raises:
+        SettingsError: the number of workers, or the address, is none.
+        WorkerError: the workers do not start, or the scheduler cannot be reached.
+        MissingDependencyError: ``scheduler`` without Dask, or ``backend="cpu"`` without Numba.
+        GscpeError: what else :meth:`gscpe.batch.Worker.start` raises.
+    """
+    if workers < 1:
+        raise SettingsError(f"there must be at least one worker, not {workers}")
+    if scheduler is not None:
+        from gscpe.batch.dask_crew import DaskCrew
+
+        return DaskCrew(instructions, scheduler)
+    if workers > 1:
+        return ProcessCrew(instructions, workers)
+    return SerialCrew(Worker.start(instructions, progress), instructions.fingerprint)
+
+
+def choose_workers(instructions: Instructions, queries: int) -> int:
+    """How many processes finish a list soonest on this machine.
+
+    On the CPU, a process for each core with one thread is faster than one process with a thread
+    for each core (docs/batch.md); each needs memory for a map of its own, and time to start. On
+    a GPU: one.
+
+    Raises:
+        MapError: the map's ``map.json`` is damaged.
+        RenderError, SettingsError: as gscpe.render.choose_backend.
+    """
+    most = min(available_cores(), queries // _PHOTOS_A_WORKER)
+    if most <= 1 or choose_backend(instructions.backend) == "gl":
+        return 1
+    path = instructions.map_folder / "map.json"
+    try:
+        gaussians = int(json.loads(path.read_text())["gaussians"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MapError(f"{path} is damaged; build the map again") from error
+    free = _free_memory()
+    if free is None:
+        return most
+    return max(1, min(most, free // (_BYTES + _BYTES_A_GAUSSIAN * gaussians)))
+
+
+def _free_memory() -> int | None:
+    """Bytes, or None where the system does not tell (only Linux does)."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration, ValueError, IndexError):
+        return None
+    return 1024 * free

@@ -1,0 +1,161 @@
+"""The crew of a cluster: the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import uuid
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Any, Iterator, Sequence
+
+from gscpe.batch.details import Detail, failed_details
+from gscpe.batch.instructions import Instructions
+from gscpe.errors import MissingDependencyError, SettingsError, WorkerError
+from gscpe.scene.query_list import Query
+
+_log = logging.getLogger(__name__)
+
+_LOOK = 5.0
+"""Seconds without news after which it is looked whether there are workers."""
+
+_PATIENCE = 60.0
+"""Seconds that a scheduler may be without workers."""
+
+
+class DaskCrew:
+    """Implements :class:`gscpe.batch.Crew`; the scheduler moves queries of workers that die.
+
+    Every Dask worker holds one localizer, workers that join later too, and reads map and
+    photos from the paths in the instructions: all machines need the same shared folders, and
+    the same version of gscpe.
+
+    Args:
+        instructions: for all workers; without threads, each uses as many as Dask gave it.
+        scheduler: its address, for example ``tcp://10.0.0.1:8786``.
+
+    Raises:
+        MissingDependencyError: Dask is not installed.
+        SettingsError: the address is none.
+        WorkerError: the scheduler cannot be reached, or has no workers.
+        MapError, RenderError, ...: what :meth:`gscpe.batch.Worker.start` raised in one of them.
+    """
+
+    def __init__(self, instructions: Instructions, scheduler: str) -> None:
+        distributed = _distributed()
+        from gscpe.batch.dask_plugin import LocalizerPlugin, describe_on_worker
+
+        self.fingerprint = instructions.fingerprint
+        self._scheduler = scheduler
+        self._registered = False
+        self._name = f"gscpe-{uuid.uuid4().hex}"
+        try:
+            self._client = distributed.Client(scheduler, set_as_default=False)
+        except ValueError as error:
+            raise SettingsError(f"--scheduler {scheduler}: {error}") from error
+        except OSError as error:
+            raise WorkerError(f"the Dask scheduler {scheduler} cannot be reached") from error
+        try:
+            self._wait_for_a_worker()
+            self._client.register_plugin(LocalizerPlugin(self._name, instructions))
+            self._registered = True
+            key = f"{self._name}-describe"
+            started = self._client.submit(describe_on_worker, self._name, key=key)
+            self._renderer: str = self._outcome(self._next(_when_done([started])))
+        except distributed.KilledWorker as error:
+            self.close()
+            raise WorkerError(f"Dask workers die when they open the map ({error})") from error
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def description(self) -> str:
+        return f"{self._count()} Dask workers at {self._scheduler}, one of them: {self._renderer}"
+
+    def run(self, queries: Sequence[Query]) -> Iterator[tuple[Query, Detail]]:
+        from gscpe.batch.dask_plugin import localize_on_worker
+
+        distributed = _distributed()
+        tag = f"{self._name}-{uuid.uuid4().hex}"
+        keys = [f"{tag}-{number}" for number in range(len(queries))]
+        futures = self._client.map(localize_on_worker, queries, name=self._name, key=keys)
+        done = _when_done(futures)
+        pending = dict(zip(keys, queries, strict=True))
+        del futures  # those that are finished are forgotten, on the scheduler too
+        while pending:
+            future = self._next(done)
+            query = pending.pop(future.key)
+            try:
+                detail: Detail = self._outcome(future)
+            except distributed.KilledWorker as error:
+                _log.warning("%s is given up: %s", query.name, error)
+                detail = failed_details(query, f"its Dask workers died, repeatedly ({error})")
+            yield query, detail
+
+    def _next(self, done: SimpleQueue[Any]) -> Any:
+        """The next future that is done; looks from time to time whether there are workers."""
+        while True:
+            try:
+                return done.get(timeout=_LOOK)
+            except Empty:
+                self._wait_for_a_worker()
+
+    def _outcome(self, future: Any) -> Any:
+        if future.cancelled():
+            raise WorkerError(f"the connection to the Dask scheduler {self._scheduler} was lost")
+        try:
+            return future.result(timeout=_PATIENCE)
+        except TimeoutError as error:  # its worker died, and there is no other one
+            raise WorkerError(f"a result cannot be fetched from {self._scheduler}") from error
+
+    def _wait_for_a_worker(self) -> None:
+        try:
+            self._client.wait_for_workers(1, timeout=_PATIENCE)
+        except TimeoutError as error:
+            raise WorkerError(
+                f"the Dask scheduler {self._scheduler} has had no workers for {_PATIENCE:.0f} s"
+            ) from error
+        except OSError as error:
+            raise WorkerError(f"the Dask scheduler {self._scheduler} is gone") from error
+
+    def _count(self) -> int:
+        return len(self._client.nthreads())
+
+    def close(self) -> None:
+        try:
+            if self._registered:
+                self._client.unregister_worker_plugin(self._name)
+        except (OSError, RuntimeError) as error:  # nobody is there, so nothing is open
+            _log.debug("the Dask scheduler is gone: %s", error)
+        self._registered = False
+        self._client.close()
+
+    def __enter__(self) -> DaskCrew:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _distributed() -> Any:
+    """The package; untyped, mostly."""
+    try:
+        return importlib.import_module("distributed")
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"a cluster needs Dask ({error}): pip install 'gscpe[dask]'"
+        ) from error
+
+
+def _when_done(futures: Sequence[Any]) -> SimpleQueue[Any]:
+    """Futures come out in the order in which they are done."""
+    done: SimpleQueue[Any] = SimpleQueue()
+    for future in futures:
+        future.add_done_callback(done.put)
+    return done

@@ -1,0 +1,113 @@
+"""A query's result as plain data, one JSON object a line (docs/formats.md)."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import OutputError
+from gscpe.localization_result import LocalizationResult
+from gscpe.scene.pose_file import format_pose
+from gscpe.scene.query_list import Query
+
+_log = logging.getLogger(__name__)
+
+Detail = dict[str, Any]
+"""What docs/formats.md lists under "Details"."""
+
+_FIELDS = {"name", "camera", "status", "reason", "cam_from_world", "coarse", "refined"}
+
+
+def result_details(query: Query, result: LocalizationResult) -> Detail:
+    """A result as plain data for JSON (docs/formats.md says what each field is)."""
+    coarse, refined = result.coarse, result.refined
+    return {
+        "name": query.name,
+        "camera": query.camera.colmap_text(),
+        "status": "localized" if result.localized else "not localized",
+        "reason": result.reason,
+        "cam_from_world": _pose(result.cam_from_world),
+        "started_from": result.started_from,
+        "reference": result.reference,
+        "hypotheses": result.hypotheses,
+        "coarse": coarse
+        and {
+            "cam_from_world": _pose(coarse.cam_from_world),
+            "matches": coarse.matches,
+            "inliers": coarse.inliers,
+            "rms_pixels": _number(coarse.rms_pixels),
+            "covariance": None if coarse.covariance is None else coarse.covariance.tolist(),
+            "rounds": coarse.rounds,
+            "converged": coarse.converged,
+        },
+        "refined": refined
+        and {
+            "cam_from_world": _pose(refined.cam_from_world),
+            "residual": _number(refined.residual),
+            "agreement": _number(refined.agreement),
+            "overlap": _number(refined.overlap),
+            "gain": _number(refined.gain),
+            "bias": _number(refined.bias),
+            "pixels": refined.pixels,
+            "anchors": refined.anchors,
+            "converged": refined.converged,
+        },
+        "covariance": None if result.covariance is None else result.covariance.tolist(),
+        "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
+    }
+
+
+def failed_details(query: Query, reason: str) -> Detail:
+    """Of a photo that could not be used: the same fields, all empty but for the reason."""
+    return {
+        "name": query.name,
+        "camera": query.camera.colmap_text(),
+        "status": "failed",
+        "reason": reason,
+        "cam_from_world": None,
+        "started_from": None,
+        "reference": None,
+        "hypotheses": 0,
+        "coarse": None,
+        "refined": None,
+        "covariance": None,
+        "seconds": {},
+    }
+
+
+def read_details(path: str | Path) -> dict[str, Detail]:
+    """Details by name; lines that were cut off are left out. Empty when there is no file.
+
+    Raises:
+        OutputError: it is not a text file, or cannot be read.
+    """
+    details: dict[str, Detail] = {}
+    path = Path(path)
+    try:
+        lines = path.read_text().splitlines() if path.exists() else []
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"{path} exists but is not a details file; choose another") from error
+    for line in lines:
+        try:
+            detail = json.loads(line)
+            complete = detail.keys() >= _FIELDS
+        except (ValueError, AttributeError):
+            complete = False
+        if complete:
+            details[str(detail["name"])] = detail
+        else:
+            _log.warning("%s: an incomplete line is left out", path)
+    return details
+
+
+def _pose(cam_from_world: Float64Array | None) -> str | None:
+    return None if cam_from_world is None else format_pose(cam_from_world)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

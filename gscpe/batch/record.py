@@ -1,0 +1,139 @@
+"""The record of what is finished: one JSON object a line, so that it can be resumed.
+
+A photo that cannot be read fails alone. The pose files are written from the record, and
+resuming reads it: photos that failed, or whose camera, map or settings have changed, are done
+again.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import asdict
+from pathlib import Path
+from typing import Iterable, Mapping, Sequence
+
+from tqdm import tqdm
+
+from gscpe.batch.crew import Crew
+from gscpe.batch.details import Detail, read_details
+from gscpe.batch.serial_crew import SerialCrew
+from gscpe.batch.worker import Worker
+from gscpe.errors import OutputError
+from gscpe.localizer import Localizer
+from gscpe.scene.query_list import Query
+
+_log = logging.getLogger(__name__)
+
+
+def localize_list(
+    localizer: Localizer,
+    queries: Sequence[Query],
+    image_folder: str | Path,
+    details_path: str | Path,
+    resume: bool = False,
+    progress: bool = False,
+) -> list[Detail]:
+    """Localizes every query in this process and returns their details, in the order of the list.
+
+    Since the map may be one that is on no disk, resuming does not notice another map.
+
+    Args:
+        localizer: of the map.
+        queries: photos and cameras.
+        image_folder: that their names are relative to.
+        details_path, resume, progress: as :func:`localize_with`.
+
+    Raises:
+        OutputError: the details cannot be written.
+        RenderError: OpenGL failed.
+    """
+    crew = SerialCrew(Worker(localizer, image_folder))  # not closed: the localizer is the caller's
+    return localize_with(crew, queries, details_path, resume, progress)
+
+
+def localize_with(
+    crew: Crew,
+    queries: Sequence[Query],
+    details_path: str | Path,
+    resume: bool = False,
+    progress: bool = False,
+) -> list[Detail]:
+    """Has a crew localize every query and returns their details, in the order of the list.
+
+    Args:
+        crew: see :func:`gscpe.batch.make_crew`; it is left open.
+        queries: photos and cameras.
+        details_path: gets a line a query as soon as it is finished, in any order.
+        resume: keep what is in ``details_path`` already and still holds; otherwise it is begun
+            anew, and what was there is kept beside it with the ending ``.bak``.
+        progress: show a bar.
+
+    Raises:
+        OutputError: the details cannot be written.
+        GscpeError: what the crew raises.
+    """
+    details_path = Path(details_path)
+    marks: dict[str, str] = asdict(crew.fingerprint) if crew.fingerprint else {}
+    finished = _still_true(queries, read_details(details_path), marks) if resume else {}
+    if not resume:
+        _keep_a_copy(details_path)
+    # Rewritten, so that a line cut off by the interruption does not stay.
+    _write(details_path, finished.values(), "w")
+    localized = sum(detail["status"] == "localized" for detail in finished.values())
+    with tqdm(total=len(queries), unit="photo", disable=not progress) as bar:
+        bar.update(len(finished))
+        for query, detail in crew.run([q for q in queries if q.name not in finished]):
+            finished[query.name] = detail | marks
+            _write(details_path, [finished[query.name]], "a")
+            localized += detail["status"] == "localized"
+            bar.update()
+            bar.set_postfix_str(f"{localized} localized")
+    return [finished[query.name] for query in queries]
+
+
+def _still_true(
+    queries: Sequence[Query], before: Mapping[str, Detail], marks: Mapping[str, str]
+) -> dict[str, Detail]:
+    """What need not be done again; one warning for each of map and settings that changed."""
+    kept = {}
+    changed = dict.fromkeys(marks, 0)
+    for query in queries:
+        detail = before.get(query.name)
+        if not detail or detail["status"] == "failed":
+            continue
+        if detail["camera"] != query.camera.colmap_text():
+            continue
+        other = [field for field in marks if detail.get(field) != marks[field]]
+        for field in other:
+            changed[field] += 1
+        if not other:
+            kept[query.name] = detail
+    for field, count in changed.items():
+        if count:
+            _log.warning(
+                "%d photos are done again: they were localized with another %s "
+                "(or before that was noted)",
+                *(count, {"map": "map", "settings": "matcher or other settings"}[field]),
+            )
+    return kept
+
+
+def _keep_a_copy(path: Path) -> None:
+    try:
+        if path.is_file() and path.stat().st_size:
+            backup = path.with_name(path.name + ".bak")
+            path.replace(backup)
+            _log.warning("what was finished before is kept in %s", backup)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def _write(path: Path, details: Iterable[Detail], mode: str) -> None:
+    """Closed after each line: it is on disk, and visible to other machines, at once."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open(mode) as file:
+            file.write("".join(json.dumps(detail) + "\n" for detail in details))
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
