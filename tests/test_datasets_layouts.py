@@ -23,6 +23,7 @@ from gscpe.datasets import (
     read_seven_scenes,
     read_transforms,
 )
+from gscpe.datasets.dataset import OFFICIAL
 from gscpe.errors import DatasetError, MissingDependencyError, SettingsError
 from gscpe.geometry import Camera
 from gscpe.scene.pose_file import format_pose
@@ -112,6 +113,14 @@ def test_seven_scenes_split_and_truths(tmp_path: Path) -> None:
             np.testing.assert_allclose(dataset.truths["original"][name], slam[i], atol=1e-6)
     first = original.truths["original"][original.references.names[0]]
     np.testing.assert_array_equal(original.references.cam_from_world[0], first)
+
+
+def test_seven_scenes_is_official_only_when_it_is_whole(tmp_path: Path) -> None:
+    folders.write_seven_scenes(tmp_path)
+    assert kitchen(tmp_path).split == OFFICIAL
+    photos = sorted((tmp_path / "redkitchen").glob("seq-*/frame-*.color.png"))
+    photos[0].unlink()
+    assert kitchen(tmp_path).split == f"{OFFICIAL}, incomplete"
 
 
 def test_seven_scenes_without_pseudo_ground_truth(tmp_path: Path) -> None:

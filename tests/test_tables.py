@@ -84,8 +84,8 @@ def test_accuracy_by_scene_and_on_average() -> None:
     table = accuracy_table("7-Scenes", "sfm", [CHESS, KITCHEN])
     assert table.header == ("", "chess", "redkitchen", "average", "not localized")
     assert table.rows == (
-        ("coarse", "1.60 / 0.60", "11.00 / 0.90", "6.30 / 0.75", "1 of 8"),
-        ("refined", "0.80 / 0.30", "5.50 / 0.45", "3.15 / 0.38", "1 of 8"),
+        ("coarse", "1.600 / 0.600", "11.000 / 0.900", "6.300 / 0.750", "1 of 8"),
+        ("refined", "0.800 / 0.300", "5.500 / 0.450", "3.150 / 0.375", "1 of 8"),
         ("GS-CPE, coarse (published)", "–", "0.74 / 0.32", "–", "–"),  # noqa: RUF001
         ("GS-CPE, refined (published)", "–", "0.72 / 0.27", "–", "–"),  # noqa: RUF001
     )
@@ -105,7 +105,7 @@ def test_another_ground_truth_has_its_own_table() -> None:
         "Seconds a query",
     ]
     # Everything moved along +x, and so did this truth: 1 cm less.
-    assert tables[2].rows[1][1:3] == ("0.20 / 0.30", "4.50 / 0.45")
+    assert tables[2].rows[1][1:3] == ("0.200 / 0.300", "4.500 / 0.450")
     assert not any("published" in row[0] for row in tables[2].rows)
 
 
@@ -153,7 +153,7 @@ def test_followed_cameras_have_no_coarse_pose() -> None:
     table = accuracy_table("7-Scenes", "sfm", [run])
     assert table.rows == (
         ("coarse", "–", "0 of 2"),  # noqa: RUF001
-        ("refined", "1.50 / 0.15", "0 of 2"),
+        ("refined", "1.500 / 0.150", "0 of 2"),
     )
     assert "coarse: without 2 localized queries that needed no coarse stage" in table.notes
     shares = shares_table("7-Scenes", "sfm", [run]).rows
@@ -172,14 +172,14 @@ def test_nothing_was_localized(tmp_path: Path) -> None:
     rows = (tmp_path / "tables.txt").read_text().splitlines()
     refined = next(row for row in rows if row.startswith("refined "))
     assert re.split(r"\s{2,}", refined) == [
-        *("refined", "–", "0.80 / 0.30", "–", "3 of 6"),  # noqa: RUF001
+        *("refined", "–", "0.800 / 0.300", "–", "3 of 6"),  # noqa: RUF001
     ]
 
 
 def test_maps_without_a_unit() -> None:
     run = scene_run("hall", [(0.5, 0.1), (1.5, 0.3)], unit=None)
     table = accuracy_table("7-Scenes", "sfm", [run, CHESS])
-    assert table.rows[1][1:4] == ("0.01 u / 0.20", "0.80 / 0.30", "–")  # noqa: RUF001
+    assert table.rows[1][1:4] == ("0.01 u / 0.200", "0.800 / 0.300", "–")  # noqa: RUF001
     assert table.records[1]["scenes"]["hall"]["median_position_units"] == pytest.approx(0.01)
     assert set(shares_table("7-Scenes", "sfm", [run]).rows[1][1:]) == {"–"}  # noqa: RUF001
 

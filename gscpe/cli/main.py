@@ -11,10 +11,20 @@ from typing import NoReturn, Sequence
 import cv2
 
 from gscpe import __version__
-from gscpe.cli import build_map, convert_poses, demo, doctor, evaluate, localize, models, render
+from gscpe.cli import (
+    benchmark,
+    build_map,
+    convert_poses,
+    demo,
+    doctor,
+    evaluate,
+    localize,
+    models,
+    render,
+)
 from gscpe.errors import GscpeError
 
-_COMMANDS = (demo, build_map, localize, evaluate, convert_poses, render, models, doctor)
+_COMMANDS = (demo, build_map, localize, benchmark, evaluate, convert_poses, render, models, doctor)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -28,6 +28,7 @@ def make_dataset(
     truths: Mapping[str, Mapping[str, Float64Array]],
     queries: Collection[str],
     metres_per_unit: float | None = 1.0,
+    split: str,
 ) -> Dataset:
     """A Dataset of photos on disk; those that are not queries are references.
 
@@ -36,6 +37,7 @@ def make_dataset(
         truths: as in Dataset. Photos that the first does not know are left out, with one
             warning.
         queries: names of the query photos.
+        split: as in Dataset; what is left out makes it incomplete.
 
     Raises:
         DatasetError: one side of the split is empty, or a photo is not of its camera's size.
@@ -72,4 +74,5 @@ def make_dataset(
             for truth, poses in truths.items()
         },
         metres_per_unit=metres_per_unit,
+        split=f"{split}, incomplete" if lost else split,
     )

@@ -8,7 +8,7 @@ from typing import Mapping
 
 from gscpe.arrays import Float64Array
 from gscpe.datasets.assembly import make_dataset
-from gscpe.datasets.dataset import Dataset
+from gscpe.datasets.dataset import OFFICIAL, Dataset
 from gscpe.datasets.files import missing, parse_numbers, read_lines
 from gscpe.datasets.nvm import nvm_camera, read_nvm_cameras
 from gscpe.datasets.photos import image_sizes, photos_on_disk, without_ending
@@ -58,6 +58,7 @@ def read_cambridge(root: str | Path, scene: str) -> Dataset:
         cameras=_cameras(root, scene, image_sizes(folder, poses)),
         truths={"sfm": poses},
         queries=[on_disk[name] for name in queries if name in on_disk],
+        split=OFFICIAL if len(poses) == len(references | queries) else f"{OFFICIAL}, incomplete",
     )
 
 

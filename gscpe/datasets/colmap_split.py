@@ -8,7 +8,7 @@ from gscpe.datasets.assembly import make_dataset
 from gscpe.datasets.dataset import Dataset
 from gscpe.datasets.files import read_lines
 from gscpe.datasets.photos import common_parent, photos_on_disk, relative_name
-from gscpe.datasets.split import every_nth
+from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import DatasetError, SettingsError
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.pose_file import read_poses
@@ -66,8 +66,9 @@ def read_colmap(
 
     if queries is None or truth is None:
         if test_list is None:
-            asked = every_nth(model.names, every)
+            asked, split = every_nth(model.names, every), every_nth_text(every)
         else:
+            split = "a list of queries"
             asked = _read_names(Path(test_list)) & frozenset(model.names)
             if not asked:
                 raise DatasetError(f"{test_list}: no photo of {model_folder} is in this list")
@@ -87,6 +88,7 @@ def read_colmap(
         poses = {relative_name(parent, image_folder / n): p for n, p in poses.items()} | true_poses
         cameras |= {to_name[name]: asked_cameras[name] for name in found}
         asked = frozenset(to_name.values())
+        split = "a list of queries"
     return make_dataset(
         name=NAME,
         scene=scene,
@@ -95,6 +97,7 @@ def read_colmap(
         truths={"colmap": poses},
         queries=asked,
         metres_per_unit=metres_per_unit,
+        split=split,
     )
 
 

@@ -11,6 +11,9 @@ from gscpe.errors import DatasetError
 from gscpe.scene import References
 from gscpe.scene.query_list import Query
 
+OFFICIAL = "official"
+"""The split that papers use."""
+
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
@@ -25,6 +28,8 @@ class Dataset:
         truths: name of a ground truth -> photo name -> ``cam_from_world``, (4, 4) float64. The
             first is the one that the references' poses are of.
         metres_per_unit: of the poses; None where it is not known.
+        split: how references and queries were told apart, for people; OFFICIAL where it is
+            that of the data set, and complete, so that published numbers may be compared.
 
     Raises:
         DatasetError: there are no references, no queries or no ground truth, or a query is a
@@ -38,6 +43,7 @@ class Dataset:
     image_folder: Path
     truths: Mapping[str, Mapping[str, Float64Array]]
     metres_per_unit: float | None = 1.0
+    split: str = "chosen"
 
     def __post_init__(self) -> None:
         what = f"{self.name} {self.scene}"

@@ -17,7 +17,7 @@ from gscpe.datasets.dataset import Dataset
 from gscpe.datasets.files import missing, number_at
 from gscpe.datasets.matrix_pose import invert_pose
 from gscpe.datasets.photos import image_size, list_photos, without_ending
-from gscpe.datasets.split import every_nth
+from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.datasets.tum import read_trajectory
 from gscpe.datasets.yaml_file import mapping_with, read_yaml
 from gscpe.errors import CameraError, DatasetError
@@ -75,6 +75,7 @@ def read_fast_livo2(root: str | Path, scene: str, time_offset: float = 0.0) -> D
         cameras=dict.fromkeys(names, camera),
         truths={"trajectory": poses},
         queries=every_nth(poses, QUERY_EVERY),
+        split=every_nth_text(QUERY_EVERY),
     )
 
 

@@ -19,7 +19,7 @@ from gscpe.datasets.dataset import Dataset
 from gscpe.datasets.files import number_at, read_text
 from gscpe.datasets.matrix_pose import invert_pose
 from gscpe.datasets.photos import common_parent, image_sizes, photos_on_disk, relative_name
-from gscpe.datasets.split import every_nth
+from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
 
@@ -82,13 +82,15 @@ def read_transforms(
 
     if split_by_file and every is None:
         queries = frozenset(names[f.path] for f in by_file[1] if f.path in names)
+        split = "the file's"
     elif "test_filenames" in trees[0] and every is None:
         queries = _listed(trees[0], "test_filenames", files[0], names)
+        split = "the file's"
         if "train_filenames" in trees[0]:
             kept = queries | _listed(trees[0], "train_filenames", files[0], names)
             frames = {name: frame for name, frame in frames.items() if name in kept}
     else:
-        queries = every_nth(frames, every)
+        queries, split = every_nth(frames, every), every_nth_text(every)
     sizes = image_sizes(parent, frames)
     return make_dataset(
         name=NAME,
@@ -98,6 +100,7 @@ def read_transforms(
         truths={"transforms": {name: _pose(frame) for name, frame in frames.items()}},
         queries=queries,
         metres_per_unit=metres_per_unit,
+        split=split,
     )
 
 

@@ -10,7 +10,7 @@ from gscpe.datasets.dataset import Dataset
 from gscpe.datasets.files import missing, read_lines
 from gscpe.datasets.matrix_pose import read_matrix_poses
 from gscpe.datasets.photos import list_photos, without_ending
-from gscpe.datasets.split import every_nth
+from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.datasets.tum import read_trajectory
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
@@ -51,6 +51,7 @@ def read_rgbd_folder(root: str | Path, every: int | None = None) -> Dataset:
         cameras=dict.fromkeys(names, _read_camera(root / "camera.txt")),
         truths={"poses": poses},
         queries=every_nth(poses, every),
+        split=every_nth_text(every),
     )
 
 

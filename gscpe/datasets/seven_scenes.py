@@ -14,7 +14,7 @@ from typing import Literal
 
 from gscpe.arrays import Float64Array
 from gscpe.datasets.assembly import make_dataset
-from gscpe.datasets.dataset import Dataset
+from gscpe.datasets.dataset import OFFICIAL, Dataset
 from gscpe.datasets.files import missing, parse_numbers, read_lines
 from gscpe.datasets.matrix_pose import read_matrix_poses
 from gscpe.datasets.photos import image_sizes, list_photos, without_ending
@@ -67,8 +67,9 @@ def read_seven_scenes(
         raise DatasetError(
             f"{folder} is missing; the scenes are {', '.join(SCENES)}, and come from {SOURCE}"
         )
-    references = _photos_of_split(folder, "TrainSplit.txt")
-    queries = _photos_of_split(folder, "TestSplit.txt")
+    references, all_references = _photos_of_split(folder, "TrainSplit.txt")
+    queries, all_queries = _photos_of_split(folder, "TestSplit.txt")
+    complete = all_references and all_queries
     photos = [*references, *queries]
 
     original = read_matrix_poses({photo: _pose_path(folder, photo) for photo in photos}, SOURCE)
@@ -94,12 +95,14 @@ def read_seven_scenes(
             name: both[name] for name in (ground_truth, other) if name == ground_truth or both[name]
         },
         queries=queries,
+        split=OFFICIAL if complete else f"{OFFICIAL}, incomplete",
     )
 
 
-def _photos_of_split(folder: Path, split: str) -> list[str]:
-    """Names of the photos on disk of the sequences that a split lists."""
-    photos, lost = [], []
+def _photos_of_split(folder: Path, split: str) -> tuple[list[str], bool]:
+    """Names of the photos on disk of the sequences that a split lists, and whether these are all
+    there, without gaps."""
+    photos, lost, complete = [], [], True
     for number, line in read_lines(folder / split, SOURCE):
         match = re.fullmatch(r"sequence\s*([0-9]{1,4})", line)
         if match is None:
@@ -109,6 +112,8 @@ def _photos_of_split(folder: Path, split: str) -> list[str]:
         sequence = f"seq-{int(match[1]):02d}"
         found = list_photos(folder / sequence, "frame-*.color.*")
         photos += [f"{sequence}/{photo}" for photo in found]
+        frames = {without_ending(photo) for photo in found}
+        complete &= frames == {f"frame-{i:06d}.color" for i in range(len(found))} != set()
         if not found:
             lost.append(sequence)
     if not photos:
@@ -118,7 +123,7 @@ def _photos_of_split(folder: Path, split: str) -> list[str]:
         raise DatasetError(f"{first} has no photos frame-*.color.png of {split}{hint}")
     if lost:
         _logger.warning("%s: no photos of %s, which %s lists", folder, ", ".join(lost), split)
-    return list(dict.fromkeys(photos))
+    return list(dict.fromkeys(photos)), complete
 
 
 def _pose_path(folder: Path, photo: str) -> Path:

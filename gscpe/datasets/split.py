@@ -19,3 +19,8 @@ def every_nth(names: Iterable[str], every: int | None) -> frozenset[str]:
     if step < 2:
         raise SettingsError(f"every must be 2 or more, not {step}: the others are the references")
     return frozenset(sorted(names)[::step])
+
+
+def every_nth_text(every: int | None) -> str:
+    """What :func:`every_nth` does, for people."""
+    return f"1 of {DEFAULT_EVERY if every is None else every} photos"

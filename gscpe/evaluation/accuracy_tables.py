@@ -136,7 +136,7 @@ def _published_rows(scenes: Sequence[str]) -> Iterator[tuple[tuple[str, ...], di
         record["scenes"] = {scene: value for scene, value in values.items() if scene is not None}
         if None in values:
             record["average"] = values[None]
-        cells = [NOTHING if e is None else _pair(e.centimetres, e.degrees) for e in errors]
+        cells = [NOTHING if e is None else _pair(e.centimetres, e.degrees, 2) for e in errors]
         yield (f"{published.METHOD}, {label} (published)", *cells, NOTHING), record
 
 
@@ -176,8 +176,10 @@ def _cell(run: SceneRun, result: Evaluation) -> str:
         return _pair(100.0 * result.median_distance, result.median_degrees)
     if np.isnan(result.median_distance):
         return NOTHING
-    return f"{result.median_distance:.4g} u / {result.median_degrees:.2f}"
+    return f"{result.median_distance:.4g} u / {result.median_degrees:.3f}"
 
 
-def _pair(centimetres: float, degrees: float) -> str:
-    return NOTHING if np.isnan(centimetres) else f"{centimetres:.2f} / {degrees:.2f}"
+def _pair(centimetres: float, degrees: float, digits: int = 3) -> str:
+    if np.isnan(centimetres):
+        return NOTHING
+    return f"{centimetres:.{digits}f} / {degrees:.{digits}f}"

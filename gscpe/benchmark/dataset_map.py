@@ -1,0 +1,72 @@
+"""The map of a data set's references, made anew only where something has changed."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from pathlib import Path
+
+from gscpe.benchmark.settings import BenchmarkSettings
+from gscpe.datasets import Dataset
+from gscpe.errors import OutputError, SplatError
+from gscpe.mapping import MapSettings, build_map, check_frames
+from gscpe.retrieval import check_method
+from gscpe.scene import read_splat, save_map
+from gscpe.scene.map_folder import check_map_output
+
+_log = logging.getLogger(__name__)
+
+
+def ensure_map(
+    dataset: Dataset,
+    splat: str | Path,
+    folder: Path,
+    settings: BenchmarkSettings,
+    progress: bool,
+) -> None:
+    """Writes the map of a splat and the data set's references to a folder.
+
+    What it was made of is noted beside it; where nothing of that has changed, and the settings
+    say resume, the map is kept.
+
+    Raises:
+        SplatError, PhotoError, MapError, ModelError: the splat or the photos cannot be used, or do
+            not fit together.
+        OutputError: the map cannot be written.
+    """
+    recipe = _recipe(dataset, Path(splat), settings)
+    note = folder.with_name(folder.name + ".made-of")
+    if settings.resume and folder.is_dir() and note.is_file() and note.read_text() == recipe:
+        _log.info("%s is kept: it was made of the same", folder)
+        return
+    check_map_output(folder)
+    check_method(settings.retrieval)
+    scene = read_splat(splat)
+    if settings.check_frames:
+        check_frames(scene, dataset.references, dataset.image_folder, settings.backend, progress)
+    map_settings = MapSettings(
+        retrieval=settings.retrieval, metres_per_unit=dataset.metres_per_unit
+    )
+    map_ = build_map(scene, dataset.references, dataset.image_folder, map_settings, progress)
+    try:
+        note.unlink(missing_ok=True)
+        save_map(map_, folder)
+        note.write_text(recipe)
+    except OSError as error:
+        raise OutputError(f"{note} cannot be written: {error.strerror}") from error
+
+
+def _recipe(dataset: Dataset, splat: Path, settings: BenchmarkSettings) -> str:
+    """A hash of all that a map is made of; of photos, only the names."""
+    known = hashlib.sha256()
+    try:
+        with splat.open("rb") as file:
+            known.update(hashlib.file_digest(file, "sha256").digest())
+    except OSError as error:
+        raise SplatError(f"splat {splat} cannot be read: {error.strerror}") from error
+    references = dataset.references
+    known.update(references.cam_from_world.tobytes())
+    cameras = [camera.colmap_text() for camera in references.cameras]
+    known.update(repr((references.names, cameras)).encode())
+    known.update(repr((settings.retrieval, dataset.metres_per_unit)).encode())
+    return known.hexdigest() + "\n"

@@ -1,0 +1,44 @@
+"""Settings of a benchmark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gscpe.errors import SettingsError
+from gscpe.localizer_settings import LocalizerSettings
+from gscpe.report import ReportSettings
+
+
+@dataclass(frozen=True)
+class BenchmarkSettings:
+    """How a scene is mapped, localized and reported.
+
+    Attributes:
+        localizer: settings of every stage.
+        matcher: name; see :func:`gscpe.matching.make_matcher`.
+        backend: see :class:`gscpe.render.Renderer`.
+        retrieval: how references are described; see :class:`gscpe.mapping.MapSettings`.
+        check_frames: refuse a splat that does not look like the references from their poses.
+        workers: processes; None: what is faster here.
+        scheduler: address of a Dask scheduler, instead of processes.
+        resume: keep the map and what is localized already, where they still hold.
+        limit: localize so many of the queries, evenly spread; None: all.
+        report: of the HTML page; None: write none.
+    """
+
+    localizer: LocalizerSettings = field(default_factory=LocalizerSettings)
+    matcher: str = "auto"
+    backend: str = "auto"
+    retrieval: str = "vlad"
+    check_frames: bool = True
+    workers: int | None = None
+    scheduler: str | None = None
+    resume: bool = False
+    limit: int | None = None
+    report: ReportSettings | None = field(default_factory=ReportSettings)
+
+    def __post_init__(self) -> None:
+        if self.limit is not None and self.limit < 1:
+            raise SettingsError(f"at least one query must be localized, not {self.limit}")
+        if self.workers is not None and self.scheduler is not None:
+            raise SettingsError("give workers or a scheduler, not both")
