@@ -11,7 +11,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.clock import Clock
 from gscpe.coarse import CoarseResult
-from gscpe.fusion import fuse_poses
+from gscpe.fusion import fuse_matches_and_alignment
 from gscpe.localization_result import LocalizationResult, StartedFrom
 from gscpe.matching import Matcher
 from gscpe.refinement import RefinementResult
@@ -86,6 +86,6 @@ def _final_pose(attempt: Attempt) -> tuple[Float64Array, Float64Array]:
     assert refined.covariance is not None
     if coarse is None or coarse.cam_from_world is None or coarse.covariance is None:
         return refined.cam_from_world, refined.covariance
-    return fuse_poses(
+    return fuse_matches_and_alignment(
         coarse.cam_from_world, coarse.covariance, refined.cam_from_world, refined.covariance
     )

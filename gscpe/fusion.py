@@ -1,8 +1,8 @@
 """Combines the two estimates of a pose, from matches and from image alignment.
 
 They err differently: matches by the map's geometry and the features' places, the alignment by
-what changed between map and photo. Weighted by their covariances, the mean of the two is better
-than either, and a refinement that has little to add cannot spoil a good coarse pose.
+what changed between map and photo. The mean of the two is better than either, and a refinement
+that has little to add cannot spoil a good coarse pose.
 """
 
 from __future__ import annotations
@@ -12,9 +12,26 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 
-SHARED_ERRORS = 1.5
-"""Both see one photo and one map, so their errors are not independent: the covariance of the
-mean is this much larger than independence would have it (calibrated, docs/benchmarks.md)."""
+SHARED_ERRORS = 4.0
+"""Both see one photo and one map, so that part of their errors is the same; and of two such
+estimates the better one, the alignment, deserves more than its share by variance. So the
+covariance of the matches counts this many times (calibrated, docs/benchmarks.md)."""
+
+
+def fuse_matches_and_alignment(
+    matched_cam_from_world: Float64Array,
+    matched_covariance: Float64Array,
+    aligned_cam_from_world: Float64Array,
+    aligned_covariance: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
+    """The mean of a coarse and a refined pose, (4, 4), and its covariance, (6, 6), of xi in
+    ``exp(xi) @ cam_from_world``; arguments as :func:`fuse_poses`."""
+    return fuse_poses(
+        matched_cam_from_world,
+        SHARED_ERRORS * matched_covariance,
+        aligned_cam_from_world,
+        aligned_covariance,
+    )
 
 
 def fuse_poses(
@@ -23,7 +40,7 @@ def fuse_poses(
     cam_from_world_b: Float64Array,
     covariance_b: Float64Array,
 ) -> tuple[Float64Array, Float64Array]:
-    """The mean of two poses, (4, 4), weighted by their information, and its covariance.
+    """The mean of two independent poses, weighted by their information, and its covariance.
 
     Args:
         cam_from_world_a, cam_from_world_b: (4, 4), close to each other.
@@ -37,4 +54,4 @@ def fuse_poses(
     step = scale * (weight_of_b @ (b_from_a / scale))
     covariance = weight_of_b @ b
     covariance = 0.5 * (covariance + covariance.T) * np.outer(scale, scale)
-    return se3.exp(step) @ cam_from_world_a, SHARED_ERRORS * covariance
+    return se3.exp(step) @ cam_from_world_a, covariance

@@ -7,7 +7,7 @@ from helpers import random_pose
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gscpe.fusion import SHARED_ERRORS, fuse_poses
+from gscpe.fusion import SHARED_ERRORS, fuse_matches_and_alignment, fuse_poses
 from gscpe.geometry import se3
 
 seeds = st.integers(0, 2**32 - 1)
@@ -40,7 +40,7 @@ def test_it_minimizes_the_sum_of_both_squared_errors(seed: int) -> None:
         step = rng.multivariate_normal(np.zeros(6), covariance)
         assert cost(se3.exp(step) @ fused) >= least - 1e-6 * abs(least)
     information = np.linalg.inv(covariance_a) + np.linalg.inv(covariance_b)
-    expected = SHARED_ERRORS * np.linalg.inv(information)
+    expected = np.linalg.inv(information)
     np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
@@ -67,3 +67,14 @@ def test_the_order_of_the_two_does_not_matter() -> None:
     other, other_covariance = fuse_poses(b, covariances[1], a, covariances[0])
     np.testing.assert_allclose(one, other, atol=1e-7)
     np.testing.assert_allclose(one_covariance, other_covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_matches_count_less(rng: np.random.Generator) -> None:
+    matched, aligned = random_pose(rng), random_pose(rng)
+    aligned = se3.exp(rng.normal(scale=1e-2, size=6)) @ matched
+    covariance = random_covariance(rng)
+    pose, found = fuse_matches_and_alignment(matched, covariance, aligned, covariance)
+    whole = se3.log(aligned @ se3.inverse(matched))
+    share = SHARED_ERRORS / (1.0 + SHARED_ERRORS)
+    np.testing.assert_allclose(se3.log(pose @ se3.inverse(matched)), share * whole, rtol=1e-6)
+    np.testing.assert_allclose(found, share * covariance, rtol=1e-6)

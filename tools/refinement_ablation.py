@@ -19,7 +19,7 @@ from refinement_cases import (
 )
 
 from gscpe import Localizer
-from gscpe.fusion import fuse_poses
+from gscpe.fusion import fuse_matches_and_alignment
 from gscpe.refinement import RefinementSettings, refine_pose
 
 
@@ -61,7 +61,7 @@ def ablate(localizer: Localizer, cases: list[Case]) -> None:
             aligned.append(error_of(localizer, case, refined.cam_from_world))
             pose = coarse.cam_from_world
             if refined.cam_from_world is not None and refined.covariance is not None:
-                pose, _ = fuse_poses(
+                pose, _ = fuse_matches_and_alignment(
                     pose, coarse.covariance, refined.cam_from_world, refined.covariance
                 )
             fused.append(error_of(localizer, case, pose))
