@@ -24,12 +24,16 @@ from gscpe.refinement.pyramid import (
     anchor_pyramid,
     photo_pyramid,
 )
+from gscpe.refinement.turned_starts import align_from_turned_starts
 from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import Renderer
 from gscpe.scene import Photo, luminance
 
 _log = logging.getLogger(__name__)
+
+_TURNED_LEVEL = 4
+"""Halvings from which turned starts are tried."""
 
 _SMALLEST_LEVEL = 16
 """Pixels of the shorter side below which an image is not halved."""
@@ -41,6 +45,8 @@ class RefinementSettings:
 
     Attributes:
         levels: S, times the image is halved (fewer where it would become tiny).
+        turned_degrees: where images are halved four times or more, the smallest is aligned from
+            cameras turned by so many degrees, too; 0: not.
         max_anchors: renders that serve as templates, at most.
         min_anchors: ... at least; the later ones see the scene from the refined pose.
         rerender_pixels: the scene is rendered anew when the image has moved more than this
@@ -57,6 +63,7 @@ class RefinementSettings:
     """
 
     levels: int = 2
+    turned_degrees: float = 5.0
     max_anchors: int = 5
     min_anchors: int = 1
     rerender_pixels: float = 1.0
@@ -143,7 +150,7 @@ def refine_pose(
         near = alignment is not None and alignment.motion_pixels <= settings.far_pixels
         levels = min(1, most_levels) if near else most_levels
         pyramid = anchor_pyramid(luminance(view.rgb), view.depth, mask, view.camera, levels)
-        found = _align_levels(pyramid, photo_levels, gain, bias, settings.solver)
+        found = _align_levels(pyramid, photo_levels, gain, bias, settings)
         if isinstance(found, str):
             return _failed(found, anchors)
         alignment, template = found
@@ -196,21 +203,27 @@ def _align_levels(
     photo_levels: tuple[ImageLevel, ...],
     gain: float,
     bias: float,
-    settings: LucasKanadeSettings,
+    settings: RefinementSettings,
 ) -> tuple[Alignment, Template] | str:
     """Aligns one anchor, small images first; a string says why it failed.
 
     The template is that of the full size.
     """
+    solver = settings.solver
     photo_from_anchor = np.eye(4)
     alignment: Alignment | None = None
     for level in range(len(anchor_levels) - 1, -1, -1):
-        template = build_template(anchor_levels[level], settings)
+        anchor, photo = anchor_levels[level], photo_levels[level]
+        template = build_template(anchor, solver)
         if template is None:
             if level > 0:
                 continue  # a small image may lose all its pixels to the mask
             return "too little of the map is visible around the pose that it starts from"
-        found = align(template, photo_levels[level], photo_from_anchor, gain, bias, settings)
+        if alignment is None and level >= _TURNED_LEVEL and settings.turned_degrees > 0:
+            degrees = settings.turned_degrees
+            found = align_from_turned_starts(template, anchor, photo, gain, bias, degrees, solver)
+        else:
+            found = align(template, photo, photo_from_anchor, gain, bias, solver)
         if found is None:
             if level > 0:
                 continue  # it ran away; a larger image may hold it
