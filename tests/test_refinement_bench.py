@@ -188,8 +188,11 @@ def test_plots(tool: Tool, tmp_path: Path) -> None:
     both = {"Lucas-Kanade": (one, one), "Adam": (one, one)}
     compare.draw({"3 cm": both, "coarse pose": both}, tmp_path / "images" / "adam.png")
     basin.draw({"a": [1.0, 1.0, 0.5, 0.2, 0.0]}, tmp_path / "images" / "basin.png")
-    errors = {"coarse": [1.0, 5.0, 90.0], "final": [3.0, 4.0, 7.0]}
-    tool("refinement_covariance").draw(errors, tmp_path / "images" / "nees.png")
+    covariance = tool("bench_covariance")
+    kinds = [covariance.Kind("a"), covariance.Kind("b")]
+    for kind in kinds:
+        kind.normalized["final"] = [1.0, 5.0, 90.0]
+    covariance.draw(kinds, tmp_path / "images" / "nees.png")
     for name in ("adam", "basin", "nees"):
         data = (tmp_path / "images" / f"{name}.png").read_bytes()
         assert data.startswith(b"\x89PNG")

@@ -6,10 +6,9 @@ Without an option, Lucas-Kanade and Adam, the paper's optimizer, from the same s
 --basin         how far off a start may be
 --illumination  the whole pipeline on photos that were made darker, noisier, ...
 --ablation      parts of the refinement left out
---covariance    whether the errors are as large as the covariances say
 
 Usage: .venv/bin/python tools/bench_refinement.py MAP [--queries N] [--plot FILE.png]
-           [--iterations N] [--draws N] [--basin | --illumination | --ablation | --covariance]
+           [--iterations N] [--draws N] [--basin | --illumination | --ablation]
            [--backend NAME]
 """
 
@@ -24,7 +23,6 @@ from refinement_ablation import ablate
 from refinement_basin import measure_basin
 from refinement_cases import read_cases, redkitchen
 from refinement_compare import compare
-from refinement_covariance import check_covariance
 from refinement_illumination import change_light
 
 from gscpe import Localizer, open_map
@@ -43,7 +41,6 @@ def main() -> int:
         ("basin", "how far off a start may be"),
         ("illumination", "the whole pipeline on changed photos"),
         ("ablation", "parts of the refinement left out"),
-        ("covariance", "errors against their covariances"),
     ):
         what.add_argument(f"--{option}", action="store_true", help=meaning)
     options = parser.parse_args()
@@ -64,8 +61,6 @@ def main() -> int:
             change_light(localizer, cases)
         elif options.ablation:
             ablate(localizer, cases)
-        elif options.covariance:
-            check_covariance(localizer, cases, options.plot)
         else:
             compare(localizer, cases, options.iterations, options.plot)
     return 0
