@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from itertools import islice
-from types import TracebackType
 from typing import Iterator, Sequence
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.attempt import Attempt, Query, Start, to_result
 from gscpe.clock import Clock
+from gscpe.closing import Closing
 from gscpe.coarse import estimate_coarse_pose
 from gscpe.errors import CameraError, MapError, PoseError
 from gscpe.geometry.camera import Camera
@@ -42,7 +42,7 @@ _MOST_ENLARGED = 2.0
 """A photo with fewer pixels is enlarged at most this much: there is nothing more in it."""
 
 
-class Localizer:
+class Localizer(Closing):
     """Localizes photos in one map. Holds the map on the graphics driver or in memory: keep it,
     use it from one thread at a time, and close it (or use it as a context manager).
 
@@ -264,14 +264,3 @@ class Localizer:
     def close(self) -> None:
         """Gives the renderer's memory back; the localizer cannot be used after."""
         self._renderer.close()
-
-    def __enter__(self) -> Localizer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -8,6 +8,7 @@ from gscpe.batch.instructions import Instructions
 from gscpe.batch.outputs import check_outputs, write_poses
 from gscpe.batch.record import localize_list, localize_with
 from gscpe.batch.serial_crew import SerialCrew
+from gscpe.batch.to_files import ListFiles, localize_to_files
 from gscpe.batch.worker import Worker
 
 __all__ = [
@@ -15,11 +16,13 @@ __all__ = [
     "Detail",
     "Fingerprint",
     "Instructions",
+    "ListFiles",
     "SerialCrew",
     "Worker",
     "check_outputs",
     "choose_workers",
     "localize_list",
+    "localize_to_files",
     "localize_with",
     "make_crew",
     "read_details",

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Iterator, Protocol, Self, Sequence
+from abc import abstractmethod
+from typing import Iterator, Sequence
 
 from gscpe.batch.details import Detail
 from gscpe.batch.fingerprint import Fingerprint
+from gscpe.closing import Closing
 from gscpe.scene.query_list import Query
 
 
-class Crew(Protocol):
+class Crew(Closing):
     """Localizes queries. Close it, or use it as a context manager.
 
     A photo that cannot be used, or that kills its workers, becomes a detail of the status
     ``failed``; other errors (no renderer, a damaged map) are raised, wherever they happened.
+
+    Attributes:
+        fingerprint: of map and settings; None where the map is no folder.
     """
 
-    @property
-    def fingerprint(self) -> Fingerprint | None:
-        """Of map and settings; None where the map is no folder."""
-        ...
+    fingerprint: Fingerprint | None
 
     @property
+    @abstractmethod
     def description(self) -> str:
         """Who works, for people."""
-        ...
 
+    @abstractmethod
     def run(self, queries: Sequence[Query]) -> Iterator[tuple[Query, Detail]]:
         """Gives each query with its detail as soon as it is finished. One list at a time, to its
         end; after an interruption, close the crew.
@@ -35,17 +37,7 @@ class Crew(Protocol):
             WorkerError: there are no workers any more.
             GscpeError: what a worker raised.
         """
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Stops the work; what is not finished is dropped."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...

@@ -6,9 +6,9 @@ import importlib
 import logging
 import uuid
 from queue import Empty, SimpleQueue
-from types import TracebackType
 from typing import Any, Iterator, Sequence
 
+from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail, failed_details
 from gscpe.batch.instructions import Instructions
 from gscpe.errors import MissingDependencyError, SettingsError, WorkerError
@@ -23,7 +23,7 @@ _PATIENCE = 60.0
 """Seconds that a scheduler may be without workers."""
 
 
-class DaskCrew:
+class DaskCrew(Crew):
     """Implements :class:`gscpe.batch.Crew`; the scheduler moves queries of workers that die.
 
     Every Dask worker holds one localizer, workers that join later too, and reads map and
@@ -130,17 +130,6 @@ class DaskCrew:
             _log.debug("the Dask scheduler is gone: %s", error)
         self._registered = False
         self._client.close()
-
-    def __enter__(self) -> DaskCrew:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _distributed() -> Any:

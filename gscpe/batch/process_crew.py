@@ -6,9 +6,9 @@ import logging
 from collections import Counter, deque
 from dataclasses import replace
 from multiprocessing.connection import wait
-from types import TracebackType
 from typing import Any, Iterator, Sequence
 
+from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail, failed_details
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.process_worker import Message, ProcessWorker, Ready
@@ -25,7 +25,7 @@ _STILLBORN = 3
 """So many workers in a row that die before they are ready are enough."""
 
 
-class ProcessCrew:
+class ProcessCrew(Crew):
     """Implements :class:`gscpe.batch.Crew` with processes started by ``spawn``.
 
     A worker that is killed costs nothing but time: another one takes its place, and the query
@@ -139,14 +139,3 @@ class ProcessCrew:
         for worker in self._workers:
             worker.stop()
         self._workers.clear()
-
-    def __enter__(self) -> ProcessCrew:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

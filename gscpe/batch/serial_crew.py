@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import Iterator, Sequence
 
+from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail
 from gscpe.batch.fingerprint import Fingerprint
 from gscpe.batch.worker import Worker
 from gscpe.scene.query_list import Query
 
 
-class SerialCrew:
+class SerialCrew(Crew):
     """Implements :class:`gscpe.batch.Crew`; queries are finished in their order.
 
     Args:
@@ -33,14 +33,3 @@ class SerialCrew:
 
     def close(self) -> None:
         self._worker.close()
-
-    def __enter__(self) -> SerialCrew:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 
 import cv2
 
@@ -11,13 +10,14 @@ from gscpe.batch.details import Detail, failed_details, result_details
 from gscpe.batch.fingerprint import map_fingerprint
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.threads import limited_threads
+from gscpe.closing import Closing
 from gscpe.errors import InputError, MapError
 from gscpe.localizer import Localizer
 from gscpe.scene import open_map, read_image
 from gscpe.scene.query_list import Query
 
 
-class Worker:
+class Worker(Closing):
     """Localizes one query at a time, from the thread that made it."""
 
     def __init__(self, localizer: Localizer, image_folder: str | Path) -> None:
@@ -72,14 +72,3 @@ class Worker:
     def close(self) -> None:
         """Gives the renderer's memory back."""
         self._localizer.close()
-
-    def __enter__(self) -> Worker:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Sequence
@@ -13,12 +13,9 @@ import numpy as np
 from gscpe.batch import (
     Detail,
     Instructions,
+    ListFiles,
     check_outputs,
-    choose_workers,
-    localize_with,
-    make_crew,
-    read_details,
-    write_poses,
+    localize_to_files,
 )
 from gscpe.benchmark.dataset_map import ensure_map
 from gscpe.benchmark.settings import BenchmarkSettings
@@ -131,10 +128,7 @@ def localize_queries(
     variant: str = "",
     localizer: LocalizerSettings | None = None,
 ) -> tuple[list[Detail], str]:
-    """The details of the queries, and who worked; poses are written for the benchmark itself.
-
-    Also where it is interrupted, what is finished is in the files.
-    """
+    """The details of the queries, and who worked; poses are written for the benchmark itself."""
     instructions = Instructions.of(
         paths.map,
         dataset.image_folder,
@@ -142,20 +136,18 @@ def localize_queries(
         settings.matcher,
         settings.backend,
     )
-    workers = settings.workers
-    if workers is None and settings.scheduler is None:
-        workers = choose_workers(instructions, len(queries))
-    record = paths.details(variant)
-    with make_crew(instructions, workers or 1, settings.scheduler, progress) as crew:
-        try:
-            details = localize_with(crew, queries, record, settings.resume, progress)
-        finally:
-            if not variant:
-                finished = read_details(record)
-                done = [finished[query.name] for query in queries if query.name in finished]
-                write_poses(done, paths.poses("final"), "final")
-                write_poses(done, paths.poses("coarse"), "coarse")
-        return details, crew.description
+    files = ListFiles(paths.details(variant))
+    if not variant:
+        files = replace(files, final=paths.poses("final"), coarse=paths.poses("coarse"))
+    return localize_to_files(
+        instructions,
+        queries,
+        files,
+        settings.workers,
+        settings.scheduler,
+        settings.resume,
+        progress,
+    )
 
 
 def _setup(

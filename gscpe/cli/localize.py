@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import sys
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.batch import (
     Instructions,
+    ListFiles,
     check_outputs,
-    choose_workers,
-    localize_with,
-    make_crew,
-    read_details,
+    localize_to_files,
     result_details,
-    write_poses,
 )
 from gscpe.cli.common import (
     CAMERA_HELP,
@@ -35,8 +31,6 @@ from gscpe.pose_prior import PosePrior
 from gscpe.scene import camera_from_exif, open_map, read_image
 from gscpe.scene.pose_file import parse_pose
 from gscpe.scene.query_list import Query, read_query_list
-
-_log = logging.getLogger(__name__)
 
 
 def add_parser(commands: Commands) -> None:
@@ -161,25 +155,16 @@ def _localize_queries(options: argparse.Namespace) -> int:
         options.matcher,
         options.backend,
     )
-    workers = options.workers
-    if workers is None and options.scheduler is None:
-        workers = choose_workers(instructions, len(queries))
-    with make_crew(instructions, workers or 1, options.scheduler, show_progress()) as crew:
-        _log.info("%s", crew.description)
-        try:
-            localize_with(crew, queries, details_path, options.resume, show_progress())
-        finally:  # also when interrupted: what is finished is written
-            finished = read_details(details_path)
-            details = [finished[query.name] for query in queries if query.name in finished]
-            write_poses(details, output, "final")
-            if options.coarse_output:
-                write_poses(details, options.coarse_output, "coarse")
-            if len(details) < len(queries):
-                print(
-                    f"{len(details)} of {len(queries)} photos are finished; "
-                    "the same command with --resume goes on from there",
-                    file=sys.stderr,
-                )
+    coarse = None if options.coarse_output is None else Path(options.coarse_output)
+    details, _ = localize_to_files(
+        instructions,
+        queries,
+        ListFiles(details_path, output, coarse),
+        options.workers,
+        options.scheduler,
+        options.resume,
+        show_progress(),
+    )
     return _summarize(details, output, details_path)
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 from gscpe.arrays import Float64Array
+from gscpe.closing import Closing
 from gscpe.errors import RenderError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
@@ -15,7 +14,7 @@ from gscpe.render.view import RenderedView
 from gscpe.scene.gaussians import GaussianScene
 
 
-class Renderer:
+class Renderer(Closing):
     """Holds one splat, on the graphics driver or in memory, and renders it from any pose.
 
     Use it from one thread at a time, and close it (or use it as a context manager) to give
@@ -67,14 +66,3 @@ class Renderer:
         if self._rasterizer is not None:
             self._rasterizer.close()
             self._rasterizer = None
-
-    def __enter__(self) -> Renderer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -1,0 +1,70 @@
+"""A list from instructions to files, also where it is interrupted."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Sequence
+
+from gscpe.batch.choose import choose_workers, make_crew
+from gscpe.batch.details import Detail, read_details
+from gscpe.batch.instructions import Instructions
+from gscpe.batch.outputs import write_poses
+from gscpe.batch.record import localize_with
+from gscpe.scene.query_list import Query
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ListFiles:
+    """Where results go: the record, and pose files of the final and the coarse poses."""
+
+    details: Path
+    final: Path | None = None
+    coarse: Path | None = None
+
+
+def localize_to_files(
+    instructions: Instructions,
+    queries: Sequence[Query],
+    files: ListFiles,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    progress: bool = False,
+) -> tuple[list[Detail], str]:
+    """The queries' details, in their order, and who worked.
+
+    Where it is interrupted, the poses of what is finished are written all the same.
+
+    Args:
+        instructions: of the workers.
+        queries: photos and cameras.
+        files: to write.
+        workers: processes; None: what is faster here, unless there is a scheduler.
+        scheduler, progress: as :func:`gscpe.batch.make_crew`.
+        resume: as :func:`gscpe.batch.localize_with`.
+
+    Raises:
+        OutputError: a file cannot be written.
+        GscpeError: what making a crew and its work raise.
+    """
+    if workers is None:
+        workers = 1 if scheduler else choose_workers(instructions, len(queries))
+    with make_crew(instructions, workers, scheduler, progress) as crew:
+        _log.info("%s", crew.description)
+        try:
+            return localize_with(crew, queries, files.details, resume, progress), crew.description
+        finally:
+            finished = read_details(files.details)
+            done = [finished[query.name] for query in queries if query.name in finished]
+            for path, stage in ((files.final, "final"), (files.coarse, "coarse")):
+                if path is not None:
+                    write_poses(done, path, stage)
+            if len(done) < len(queries):
+                _log.warning(
+                    "%d of %d photos are finished; the same with resume (--resume) goes on from there",
+                    *(len(done), len(queries)),
+                )
