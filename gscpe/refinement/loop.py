@@ -11,6 +11,7 @@ from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
+from gscpe.refinement.exposure import expose, fit_exposure, is_clipped
 from gscpe.refinement.lucas_kanade import (
     Alignment,
     LucasKanadeSettings,
@@ -87,7 +88,7 @@ class RefinementResult:
         cam_from_world: (4, 4); None when the alignment failed.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
             map units and radians.
-        gain, bias: photo = gain * render + bias, luminance in [0, 1].
+        gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
         residual: robust standard deviation of the photometric residual, luminance.
         agreement: mean local correlation of photo and render, in [-1, 1].
         overlap: share of the image where both show the map, in [0, 1].
@@ -138,7 +139,8 @@ def refine_pose(
         most_levels,
     )
     cam_from_world = start_cam_from_world
-    gain, bias = 1.0, 0.0
+    last_light = 1.0, 0.0
+    clipped = is_clipped(photo.rgb)
     alignment: Alignment | None = None
     anchors = 0
     while anchors < settings.max_anchors:
@@ -149,12 +151,17 @@ def refine_pose(
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
         near = alignment is not None and alignment.motion_pixels <= settings.far_pixels
         levels = min(1, most_levels) if near else most_levels
-        pyramid = anchor_pyramid(luminance(view.rgb), view.depth, mask, view.camera, levels)
+        light = fit_exposure(view.rgb, photo.rgb, mask) if clipped else None
+        if light is None:
+            image, (gain, bias) = luminance(view.rgb), last_light
+        else:
+            image, gain, bias = luminance(expose(view.rgb, *light)), 1.0, 0.0
+        pyramid = anchor_pyramid(image, view.depth, mask, view.camera, levels)
         found = _align_levels(pyramid, photo_levels, gain, bias, settings)
         if isinstance(found, str):
             return _failed(found, anchors)
         alignment, template = found
-        gain, bias = alignment.gain, alignment.bias
+        last_light = _of_the_render(alignment, light)
         cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
         _log.debug(
@@ -174,8 +181,8 @@ def refine_pose(
         covariance=pose_covariance(
             template, photo_levels[0], alignment, settings.solver, settings.uncertainty
         ),
-        gain=alignment.gain,
-        bias=alignment.bias,
+        gain=last_light[0],
+        bias=last_light[1],
         residual=alignment.residual,
         agreement=agreement,
         overlap=overlap,
@@ -233,6 +240,12 @@ def _align_levels(
         gain, bias = alignment.gain, alignment.bias
     assert alignment is not None and template is not None
     return alignment, template
+
+
+def _of_the_render(alignment: Alignment, light: tuple[float, float] | None) -> tuple[float, float]:
+    """Gain and bias of the alignment, of the render as it was before it was exposed."""
+    gain, bias = light or (1.0, 0.0)
+    return alignment.gain * gain, alignment.gain * bias + alignment.bias
 
 
 def _all_valid(photo: Photo) -> BoolArray:
