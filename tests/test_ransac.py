@@ -12,7 +12,7 @@ from helpers import random_pose
 from numpy.typing import NDArray
 from test_pnp import CAMERA, some_matches
 
-from gscpe.coarse.ransac import choose_solver, sample_absolute_pose
+from gscpe.coarse.ransac import RansacSettings, choose_solver, sample_absolute_pose
 from gscpe.errors import MissingDependencyError, SettingsError
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.geometry.projection import transform_points
@@ -50,7 +50,9 @@ def test_exact_poses(seed: int, outliers: float, solver: Named) -> None:
     but for the few that land near their true pixel."""
     rng = np.random.default_rng(seed)
     matches = some_matches(rng).with_outliers(outliers, rng)
-    found = sample_absolute_pose(matches.points, matches.pixels, CAMERA, solver=solver)
+    found = sample_absolute_pose(
+        matches.points, matches.pixels, CAMERA, RansacSettings(solver=solver)
+    )
     if outliers:
         check(found, matches.pose, distance=0.02, degrees=0.5)
     else:
@@ -61,7 +63,9 @@ def test_the_same_seed_gives_the_same_pose(rng: np.random.Generator, solver: Nam
     matches = some_matches(rng).with_outliers(0.5, rng)
     noisy = matches.pixels + rng.normal(size=matches.pixels.shape)
     poses = [
-        sample_absolute_pose(matches.points, noisy, CAMERA, solver=solver, seed=seed)
+        sample_absolute_pose(
+            matches.points, noisy, CAMERA, RansacSettings(solver=solver, seed=seed)
+        )
         for seed in (3, 3, 3, 4)
     ]
     assert all(pose is not None for pose in poses)
@@ -74,8 +78,8 @@ def test_both_solvers_agree(rng: np.random.Generator) -> None:
     pytest.importorskip("pycolmap", reason="pycolmap is not installed")
     matches = some_matches(rng, 400).with_outliers(0.3, rng)
     noisy = matches.pixels + 0.3 * rng.normal(size=matches.pixels.shape)
-    one = sample_absolute_pose(matches.points, noisy, CAMERA, solver="pycolmap")
-    other = sample_absolute_pose(matches.points, noisy, CAMERA, solver="opencv")
+    one = sample_absolute_pose(matches.points, noisy, CAMERA, RansacSettings(solver="pycolmap"))
+    other = sample_absolute_pose(matches.points, noisy, CAMERA, RansacSettings(solver="opencv"))
     assert one is not None
     check(other, one, distance=0.01, degrees=0.2)
 
@@ -84,11 +88,16 @@ def test_half_a_pixel(rng: np.random.Generator, solver: Named) -> None:
     """Pixels from a principal point half a pixel aside are another camera's: the pose turns
     by about half a pixel, 0.055 degrees, where the right camera is exact."""
     matches = some_matches(rng)
-    check(sample_absolute_pose(matches.points, matches.pixels, CAMERA, solver=solver), matches.pose)
+    check(
+        sample_absolute_pose(matches.points, matches.pixels, CAMERA, RansacSettings(solver=solver)),
+        matches.pose,
+    )
     aside = Camera.pinhole(
         640, 480, fx=CAMERA.fx, fy=CAMERA.fy, cx=CAMERA.cx - 0.5, cy=CAMERA.cy - 0.5
     )
-    found = sample_absolute_pose(matches.points, matches.pixels, aside, solver=solver)
+    found = sample_absolute_pose(
+        matches.points, matches.pixels, aside, RansacSettings(solver=solver)
+    )
     assert found is not None
     assert 0.02 < pose_difference(found, matches.pose).degrees < 0.2
 
@@ -96,7 +105,9 @@ def test_half_a_pixel(rng: np.random.Generator, solver: Named) -> None:
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
 def test_too_few_points(count: int, rng: np.random.Generator, solver: Named) -> None:
     matches = some_matches(rng, count)
-    found = sample_absolute_pose(matches.points, matches.pixels, CAMERA, solver=solver)
+    found = sample_absolute_pose(
+        matches.points, matches.pixels, CAMERA, RansacSettings(solver=solver)
+    )
     assert found is None or np.isfinite(found).all()
 
 
@@ -113,7 +124,7 @@ def test_degenerate_points(shape: str, rng: np.random.Generator, solver: Named) 
     in_camera = SHAPES[shape](rng.uniform(-0.5, 0.5, 30))
     pixels = in_camera[:, :2] / in_camera[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
     points = transform_points(se3.inverse(random_pose(rng)), in_camera)
-    found = sample_absolute_pose(points, pixels, CAMERA, solver=solver)
+    found = sample_absolute_pose(points, pixels, CAMERA, RansacSettings(solver=solver))
     assert found is None or np.isfinite(found).all()
 
 
@@ -129,11 +140,15 @@ def test_without_pycolmap(rng: np.random.Generator, monkeypatch: pytest.MonkeyPa
     assert choose_solver("auto") == "opencv"
     matches = some_matches(rng)
     by_default = sample_absolute_pose(matches.points, matches.pixels, CAMERA)
-    by_opencv = sample_absolute_pose(matches.points, matches.pixels, CAMERA, solver="opencv")
+    by_opencv = sample_absolute_pose(
+        matches.points, matches.pixels, CAMERA, RansacSettings(solver="opencv")
+    )
     assert by_default is not None
     np.testing.assert_array_equal(by_default, by_opencv)
     with pytest.raises(MissingDependencyError, match="pip install pycolmap"):
-        sample_absolute_pose(matches.points, matches.pixels, CAMERA, solver="pycolmap")
+        sample_absolute_pose(
+            matches.points, matches.pixels, CAMERA, RansacSettings(solver="pycolmap")
+        )
 
 
 def test_no_such_solver() -> None:

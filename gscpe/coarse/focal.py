@@ -80,11 +80,7 @@ def estimate_focal_length(
             points_world,
             pixels,
             camera,
-            solver=pnp.solver,
-            threshold=pnp.inlier_pixels,
-            confidence=pnp.confidence,
-            max_iterations=pnp.max_iterations,
-            seed=pnp.seed,
+            pnp,
         )
         if cam_from_world is None:
             continue

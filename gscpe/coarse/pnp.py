@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
-from gscpe.coarse.ransac import Solver, sample_absolute_pose
+from gscpe.coarse.ransac import RansacSettings, sample_absolute_pose
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
@@ -19,38 +19,27 @@ _BEHIND = 1e-6
 
 
 @dataclass(frozen=True)
-class PnPSettings:
-    """Settings of the absolute pose estimation.
+class PnPSettings(RansacSettings):
+    """Settings of the absolute pose estimation: those of the sampling, and
 
     Attributes:
-        solver: of the RANSAC: ``"opencv"``, ``"pycolmap"``, or ``"auto"``.
-        max_iterations: RANSAC samples at most (paper: 2000).
-        inlier_pixels: largest reprojection error of an inlier.
-        confidence: RANSAC stops when it has missed no better pose with this probability.
         noise_pixels: scale of the Cauchy weights of the final least squares.
         cells: columns of a grid of square cells over the photo. The matches of a cell share
             the errors of the map there: they count as one observation, however many.
         noise_correlation: neighbouring cells share errors too: so many count as one in the
             covariance (calibrated, docs/benchmarks.md).
-        seed: of the sampling; the same seed gives the same pose.
     """
 
-    solver: Solver = "auto"
-    max_iterations: int = 2000
-    inlier_pixels: float = 4.0
-    confidence: float = 0.9999
     noise_pixels: float = 1.0
     cells: int = 10
     noise_correlation: float = 2.0
-    seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.max_iterations < 1 or self.inlier_pixels <= 0 or self.noise_pixels <= 0:
-            raise SettingsError("PnP needs at least one iteration and positive pixel thresholds")
+        super().__post_init__()
+        if self.noise_pixels <= 0:
+            raise SettingsError(f"the noise must be positive, not {self.noise_pixels} pixels")
         if self.cells < 1:
             raise SettingsError(f"the grid needs at least one column, not {self.cells}")
-        if not 0 < self.confidence < 1:
-            raise SettingsError(f"confidence must lie in (0, 1), not {self.confidence}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +85,7 @@ def estimate_absolute_pose(
         points_world,
         pixels,
         camera,
-        solver=settings.solver,
-        threshold=settings.inlier_pixels,
-        confidence=settings.confidence,
-        max_iterations=settings.max_iterations,
-        seed=settings.seed,
+        settings,
     )
     if sampled is not None:
         hypotheses.append(sampled)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -14,6 +15,31 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 
 Solver = Literal["auto", "pycolmap", "opencv"]
+
+
+@dataclass(frozen=True)
+class RansacSettings:
+    """Settings of the sampling.
+
+    Attributes:
+        solver: ``"opencv"``, ``"pycolmap"``, or ``"auto"``; see :func:`choose_solver`.
+        max_iterations: samples at most (paper: 2000).
+        inlier_pixels: largest reprojection error of an inlier.
+        confidence: it stops when it has missed no better pose with this probability.
+        seed: of the sampling; the same seed gives the same pose.
+    """
+
+    solver: Solver = "auto"
+    max_iterations: int = 2000
+    inlier_pixels: float = 4.0
+    confidence: float = 0.9999
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1 or self.inlier_pixels <= 0:
+            raise SettingsError("RANSAC needs at least one iteration and a positive threshold")
+        if not 0 < self.confidence < 1:
+            raise SettingsError(f"confidence must lie in (0, 1), not {self.confidence}")
 
 
 def choose_solver(solver: Solver) -> Literal["pycolmap", "opencv"]:
@@ -41,12 +67,7 @@ def sample_absolute_pose(
     points_world: Float64Array,
     pixels: Float64Array,
     camera: Camera,
-    *,
-    solver: Solver = "auto",
-    threshold: float = 4.0,
-    confidence: float = 0.9999,
-    max_iterations: int = 2000,
-    seed: int = 0,
+    settings: RansacSettings | None = None,
 ) -> Float64Array | None:
     """cam_from_world, (4, 4), by LO-RANSAC; None when no sample gave one. Repeatable.
 
@@ -54,35 +75,27 @@ def sample_absolute_pose(
         points_world: (N, 3).
         pixels: (N, 2), the centre of the top-left pixel at (0.5, 0.5).
         camera: pinhole camera of the pixels.
-        solver: see :func:`choose_solver`.
-        threshold: largest reprojection error of an inlier, pixels.
-        confidence: it stops when it has missed no better pose with this probability.
-        max_iterations: samples at most.
-        seed: of the sampling.
+        settings: see :class:`RansacSettings`.
     """
-    settings = (threshold, confidence, max_iterations, seed)
-    if choose_solver(solver) == "pycolmap":
-        return _pycolmap(points_world, pixels, camera, *settings)
-    return _opencv(points_world, pixels, camera, *settings)
+    settings = settings or RansacSettings()
+    sample = _pycolmap if choose_solver(settings.solver) == "pycolmap" else _opencv
+    return sample(points_world, pixels, camera, settings)
 
 
 def _pycolmap(
     points_world: Float64Array,
     pixels: Float64Array,
     camera: Camera,
-    threshold: float,
-    confidence: float,
-    max_iterations: int,
-    seed: int,
+    settings: RansacSettings,
 ) -> Float64Array | None:
     import pycolmap
 
     options = pycolmap.AbsolutePoseEstimationOptions()
-    options.ransac.max_error = threshold
-    options.ransac.confidence = confidence
-    options.ransac.max_num_trials = max_iterations
-    options.ransac.min_num_trials = min(100, max_iterations)
-    options.ransac.random_seed = seed
+    options.ransac.max_error = settings.inlier_pixels
+    options.ransac.confidence = settings.confidence
+    options.ransac.max_num_trials = settings.max_iterations
+    options.ransac.min_num_trials = min(100, settings.max_iterations)
+    options.ransac.random_seed = settings.seed
     colmap_camera = pycolmap.Camera(
         model="PINHOLE",
         width=camera.width,
@@ -101,16 +114,13 @@ def _opencv(
     points_world: Float64Array,
     pixels: Float64Array,
     camera: Camera,
-    threshold: float,
-    confidence: float,
-    max_iterations: int,
-    seed: int,
+    settings: RansacSettings,
 ) -> Float64Array | None:
     params = cv2.UsacParams()
-    params.randomGeneratorState = seed
-    params.confidence = confidence
-    params.maxIterations = max_iterations
-    params.threshold = threshold
+    params.randomGeneratorState = settings.seed
+    params.confidence = settings.confidence
+    params.maxIterations = settings.max_iterations
+    params.threshold = settings.inlier_pixels
     params.score = cv2.SCORE_METHOD_MSAC
     params.sampler = cv2.SAMPLING_UNIFORM
     params.loMethod = cv2.LOCAL_OPTIM_INNER_LO
