@@ -176,3 +176,21 @@ def test_units(
     for bad in ("0", "-1", "nan", "inf"):
         assert main(["evaluate", *map(str, paths), f"--metres-per-unit={bad}"]) == 2
         assert "--metres-per-unit must be positive" in capsys.readouterr().err
+
+
+def test_poses_that_are_not_finite_are_no_poses(
+    truth: Poses, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As programs write them that have none; but the truth must be whole."""
+    paths = [tmp_path / "truth.txt", tmp_path / "estimates.txt"]
+    for path in paths:
+        write_pose_file(path, truth, "hloc")
+    lines = paths[1].read_text().splitlines()
+    for row, value in ((0, "nan"), (5, "inf")):
+        lines[row] = " ".join([lines[row].split()[0], *[value] * 7])
+    paths[1].write_text("\n".join(lines) + "\n")
+    data = evaluated(capsys, paths[1], paths[0])
+    assert data["localized"] == len(truth) - 2
+    assert data["not_finite"] == 2
+    assert main(["evaluate", str(paths[0]), str(paths[1])]) == 2
+    assert "line 1" in capsys.readouterr().err

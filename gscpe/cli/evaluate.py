@@ -31,7 +31,8 @@ def run(options: argparse.Namespace) -> int:
     unit = options.metres_per_unit
     if not (math.isfinite(unit) and unit > 0):
         raise SettingsError(f"--metres-per-unit must be positive, not {unit:g}")
-    estimates, truth = read_pose_file(options.poses), read_pose_file(options.truth)
+    estimates = read_pose_file(options.poses, keep_not_finite=True)
+    truth = read_pose_file(options.truth)
     estimated, known, by_position = _with_common_names(estimates, truth)
     result = evaluate(estimated, known, unit)
     if options.json:
@@ -46,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
                     for (metres, degrees), share in zip(THRESHOLDS, result.shares, strict=True)
                 ],
                 "not_in_truth": result.ignored,
+                "not_finite": len(estimates.not_finite),
                 "metres_per_unit": unit,
                 "matched_by_position": by_position,
             }
@@ -60,6 +62,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"within {limit:<15} {100.0 * share:5.1f} %")
     if result.localized < result.queries:
         print("photos without a pose count as beyond every limit")
+    if estimates.not_finite:
+        print(f"{len(estimates.not_finite)} of these have one that is not finite")
     if result.ignored:
         print(f"{result.ignored} estimates are of photos that are not in the truth list")
     if by_position:

@@ -5,8 +5,9 @@ The other forms are in :mod:`gscpe.scene.poses`.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Iterator
+from typing import Iterator, Sequence
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
@@ -48,8 +49,14 @@ def read_poses(path: str | Path) -> dict[str, Float64Array]:
     return parse_poses(read_pose_text(path), str(path))
 
 
-def parse_poses(text: str, source: str) -> dict[str, Float64Array]:
-    """As :func:`read_poses`, of the text of a file; ``source`` names it in errors."""
+def parse_poses(
+    text: str, source: str, not_finite: list[str] | None = None
+) -> dict[str, Float64Array]:
+    """As :func:`read_poses`, of the text of a file; ``source`` names it in errors.
+
+    Where a list is given for them, photos whose pose is NaN or infinite, as some programs write
+    it when they have none, go there instead of being an error.
+    """
     poses: dict[str, Float64Array] = {}
     for number, line in pose_lines(text):
         name, *words = line.split()
@@ -57,6 +64,9 @@ def parse_poses(text: str, source: str) -> dict[str, Float64Array]:
             raise PoseError(
                 f"{source}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line[:60]!r}"
             )
+        if not_finite is not None and _are_numbers_but_not_finite(words[:7]):
+            not_finite.append(name)
+            continue
         try:
             cam_from_world = parse_pose(" ".join(words[:7]))
         except PoseError as error:
@@ -95,6 +105,10 @@ def pose_lines(text: str) -> Iterator[tuple[int, str]]:
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
             yield number, stripped
+
+
+def _are_numbers_but_not_finite(words: Sequence[str]) -> bool:
+    return all(map(is_number, words)) and not all(math.isfinite(float(word)) for word in words)
 
 
 def is_number(word: str) -> bool:

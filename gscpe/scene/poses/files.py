@@ -28,19 +28,25 @@ class PoseFile:
         poses: ``cam_from_world``, (4, 4) float64, by photo; by timestamp for ``tum``.
         cameras: by photo, as far as the file tells: our details do, for photos without a pose
             too; other files do not.
+        not_finite: photos whose pose is NaN or infinite, where these were to be kept apart.
     """
 
     format: PoseFormat
     poses: dict[str, Float64Array]
     cameras: dict[str, Camera] = field(default_factory=dict)
+    not_finite: tuple[str, ...] = ()
 
 
-def read_pose_file(path: str | Path, format: PoseFormat | None = None) -> PoseFile:
+def read_pose_file(
+    path: str | Path, format: PoseFormat | None = None, *, keep_not_finite: bool = False
+) -> PoseFile:
     """The poses of a file of any form.
 
     Args:
         path: of the file.
         format: its form; None: what its first line looks like.
+        keep_not_finite: NaN and infinite poses of ``hloc`` and ``pgt`` files are named in the
+            result, as photos without a pose, instead of being an error.
 
     Raises:
         PoseError: the file cannot be read, its form is not known or not the one given, or
@@ -54,7 +60,9 @@ def read_pose_file(path: str | Path, format: PoseFormat | None = None) -> PoseFi
         return PoseFile(format, parse_tum(text, source))
     if format == "colmap":
         return PoseFile(format, parse_colmap_images(text, source))
-    return PoseFile(format, parse_poses(text, source))
+    lost: list[str] | None = [] if keep_not_finite else None
+    poses = parse_poses(text, source, lost)
+    return PoseFile(format, poses, not_finite=tuple(lost or ()))
 
 
 def write_pose_file(
