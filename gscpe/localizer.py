@@ -173,7 +173,7 @@ class Localizer(Closing):
             return Attempt(start, coarse, None, doubt)
         with clock.stage("refinement"):
             refined = self._refine(query.photo, coarse.cam_from_world, settings.refinement)
-        doubt = doubt_about_refined(coarse.cam_from_world, refined, settings.verification)
+        doubt = doubt_about_refined(coarse, refined, settings.verification)
         return Attempt(start, coarse, refined, doubt)
 
     def _refine(

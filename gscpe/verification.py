@@ -8,6 +8,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
+from gscpe.fusion import fuse_matches_and_alignment
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.pose_prior import PosePrior
@@ -28,11 +29,12 @@ class VerificationSettings:
         min_tracking_agreement: the same where no matches were made, only an alignment.
         sure_agreement: below it, further starts are tried too, and the best is kept.
         min_overlap: share of the photo that shows the map.
-        max_shift: metres that refinement may move the coarse pose, and ... (in a map of
-            unknown unit, lengths are scaled to the rendered depth)
+        max_shift: metres that refinement may move the coarse pose, and ... (lengths are for
+            scenes 2 m away; they grow with the depth where it is more, or its unit unknown)
         max_shift_degrees: ... turn it; more means that the two contradict each other.
         max_sigma: metres of the pose's standard deviation in its worst direction, and ...
-        max_sigma_degrees: ... the same for the rotation; more: the photo does not tell.
+        max_sigma_degrees: ... the same for the rotation; more: the photo does not tell. Where
+            only the alignment does not, the mean with the matches must be twice as sure.
     """
 
     min_inliers: int = 20
@@ -75,8 +77,46 @@ def doubt_about_coarse(
     return None
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """What matches and alignment say of each other, in metres (see ``max_shift``) and degrees.
+
+    Attributes:
+        shift, shift_degrees: between the two; 0 where the alignment determines no pose, so
+            that it cannot contradict the matches.
+        sigma, sigma_degrees: standard deviations of the alignment in the worst direction; where
+            it determines no pose, twice those of the mean of both.
+    """
+
+    shift: float
+    shift_degrees: float
+    sigma: float
+    sigma_degrees: float
+
+
+def compare_stages(
+    coarse: CoarseResult, refined: RefinementResult, settings: VerificationSettings
+) -> Comparison:
+    """How well matches and alignment go together; both have a pose."""
+    assert refined.cam_from_world is not None
+    assert refined.covariance is not None
+    assert coarse.cam_from_world is not None
+    unit = refined.tolerance_unit
+    sigma, sigma_degrees = _worst_sigmas(refined.covariance, unit)
+    if sigma <= settings.max_sigma and sigma_degrees <= settings.max_sigma_degrees:
+        shift = pose_difference(refined.cam_from_world, coarse.cam_from_world)
+        return Comparison(shift.distance * unit, shift.degrees, sigma, sigma_degrees)
+    if coarse.covariance is None:
+        return Comparison(0.0, 0.0, sigma, sigma_degrees)
+    _, covariance = fuse_matches_and_alignment(
+        coarse.cam_from_world, coarse.covariance, refined.cam_from_world, refined.covariance
+    )
+    sigma, sigma_degrees = _worst_sigmas(covariance, unit)
+    return Comparison(0.0, 0.0, 2.0 * sigma, 2.0 * sigma_degrees)
+
+
 def doubt_about_refined(
-    coarse_cam_from_world: Float64Array,
+    coarse: CoarseResult,
     refined: RefinementResult,
     settings: VerificationSettings,
 ) -> str | None:
@@ -86,14 +126,13 @@ def doubt_about_refined(
     doubt = _doubt_about_picture(refined, settings.min_agreement, settings)
     if doubt is not None:
         return doubt
-    shift = pose_difference(refined.cam_from_world, coarse_cam_from_world)
-    unit = refined.metres_per_unit
-    if shift.distance * unit > settings.max_shift or shift.degrees > settings.max_shift_degrees:
+    found = compare_stages(coarse, refined, settings)
+    if found.shift > settings.max_shift or found.shift_degrees > settings.max_shift_degrees:
         return (
-            f"matches and image alignment contradict each other by {shift.distance:.3f} "
-            f"and {shift.degrees:.2f} degrees"
+            "matches and image alignment contradict each other by "
+            f"{found.shift / refined.tolerance_unit:.3f} and {found.shift_degrees:.2f} degrees"
         )
-    return _doubt_about_covariance(refined.covariance, unit, settings)
+    return _doubt_about_sigmas(found.sigma, found.sigma_degrees, refined.tolerance_unit, settings)
 
 
 def doubt_about_tracked(
@@ -113,7 +152,8 @@ def doubt_about_tracked(
         or shift.degrees > _PRIOR_SIGMAS * prior.rotation_sigma_degrees
     ):
         return f"the alignment left the prior by {shift.distance:.3f} and {shift.degrees:.2f} deg"
-    return _doubt_about_covariance(refined.covariance, refined.metres_per_unit, settings)
+    unit = refined.tolerance_unit
+    return _doubt_about_sigmas(*_worst_sigmas(refined.covariance, unit), unit, settings)
 
 
 def _doubt_about_picture(
@@ -129,19 +169,25 @@ def _doubt_about_picture(
     return None
 
 
-def _doubt_about_covariance(
-    covariance: Float64Array, metres_per_unit: float, settings: VerificationSettings
-) -> str | None:
-    """In ``exp(xi)`` the camera's centre moves by minus the translation, turned, and by what the
-    rotation does to it, which is nothing: the centre is the origin of its own frame."""
+def _worst_sigmas(covariance: Float64Array, tolerance_unit: float) -> tuple[float, float]:
+    """Metres and degrees in the worst direction.
+
+    In ``exp(xi)`` the camera's centre moves by minus the translation, turned, and by what the
+    rotation does to it, which is nothing: the centre is the origin of its own frame.
+    """
     translation, rotation = (
         float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
         for block in (covariance[:3, :3], covariance[3:, 3:])
     )
-    degrees = float(np.degrees(rotation))
-    if translation * metres_per_unit > settings.max_sigma or degrees > settings.max_sigma_degrees:
+    return translation * tolerance_unit, float(np.degrees(rotation))
+
+
+def _doubt_about_sigmas(
+    metres: float, degrees: float, tolerance_unit: float, settings: VerificationSettings
+) -> str | None:
+    if metres > settings.max_sigma or degrees > settings.max_sigma_degrees:
         return (
             "the photo does not determine the pose: standard deviations of "
-            f"{translation:.3f} and {degrees:.2f} degrees"
+            f"{metres / tolerance_unit:.3f} and {degrees:.2f} degrees"
         )
     return None

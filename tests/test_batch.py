@@ -56,7 +56,7 @@ class Stub:
         )
         nan = float("nan")
         refined = RefinementResult(
-            pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, 1.0, True
+            pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, 1.0, 1.0, True
         )
         return LocalizationResult(
             *(True, None, pose_of(number), np.eye(6), "reference", "ref.png"),

@@ -49,6 +49,7 @@ REFINED = RefinementResult(
     pixels=100_000,
     anchors=2,
     metres_per_unit=1.0,
+    tolerance_unit=1.0,
     converged=True,
 )
 PRIOR = PosePrior(np.eye(4), translation_sigma=0.02, rotation_sigma_degrees=1.0)
@@ -59,7 +60,7 @@ def coarse_doubt(**changes: Any) -> str | None:
 
 
 def refined_doubt(**changes: Any) -> str | None:
-    return doubt_about_refined(np.eye(4), replace(REFINED, **changes), SETTINGS)
+    return doubt_about_refined(COARSE, replace(REFINED, **changes), SETTINGS)
 
 
 def tracked_doubt(**changes: Any) -> str | None:
@@ -127,7 +128,7 @@ def test_the_thresholds_themselves_are_enough() -> None:
 )
 def test_metres_per_unit_scales_the_shift(unit: float, units_moved: float, doubted: bool) -> None:
     moved = se3.exp([units_moved, 0, 0, 0, 0, 0])
-    assert (refined_doubt(cam_from_world=moved, metres_per_unit=unit) is not None) == doubted
+    assert (refined_doubt(cam_from_world=moved, tolerance_unit=unit) is not None) == doubted
 
 
 @pytest.mark.parametrize(
@@ -142,8 +143,10 @@ def test_metres_per_unit_scales_the_shift(unit: float, units_moved: float, doubt
 def test_a_pose_that_is_not_determined_is_doubted(
     sigmas: list[float], unit: float, doubted: bool
 ) -> None:
-    changes = {"covariance": np.diag(np.square(sigmas)), "metres_per_unit": unit}
-    for doubt in (refined_doubt(**changes), tracked_doubt(**changes)):
+    changes: dict[str, Any] = {"covariance": np.diag(np.square(sigmas)), "tolerance_unit": unit}
+    unsure = replace(COARSE, covariance=None)
+    by_both = doubt_about_refined(unsure, replace(REFINED, **changes), SETTINGS)
+    for doubt in (by_both, tracked_doubt(**changes)):
         assert (doubt is not None and "does not determine the pose" in doubt) == doubted
 
 
@@ -181,3 +184,15 @@ def test_spread_of_pixels_on_the_border() -> None:
     """Pixels may lie on the outermost border, or a little outside, and are counted there."""
     corners = np.array([[0.0, 0.0], [640.0, 480.0], [-0.3, 480.2], [640.4, -0.1]])
     assert inlier_spread(corners, CAMERA) == 4 / 16.0
+
+
+def test_an_alignment_that_determines_nothing_contradicts_nothing() -> None:
+    """Then the matches decide, if they are twice as sure as needed."""
+    far = se3.exp([0.4, 0, 0, 0, 0, 0])
+    lost = {"cam_from_world": far, "covariance": 4.0 * np.eye(6)}
+    assert refined_doubt(**lost) is None
+    unsure = replace(COARSE, covariance=np.diag([0.03**2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6]))
+    doubt = doubt_about_refined(unsure, replace(REFINED, **lost), SETTINGS)  # type: ignore[arg-type]
+    assert doubt is not None
+    assert "does not determine the pose" in doubt
+    assert doubt_about_refined(unsure, REFINED, SETTINGS) is None

@@ -20,7 +20,7 @@ import json
 import os
 import sys
 import zlib
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Iterable, Mapping
 
@@ -38,7 +38,7 @@ from gscpe.refinement import RefinementResult, refine_pose
 from gscpe.scene import Map, to_photo
 from gscpe.scene.pose_file import read_poses
 from gscpe.scene.query_list import read_query_list
-from gscpe.verification import VerificationSettings, inlier_spread
+from gscpe.verification import VerificationSettings, compare_stages, inlier_spread
 
 NO_THRESHOLDS = VerificationSettings(
     min_inliers=0,
@@ -147,17 +147,20 @@ def of_attempt(attempt: Attempt, sample: Sample) -> dict[str, Any]:
         "spread": inlier_spread(coarse.inlier_pixels, sample.camera),
     }
     final = to_result(attempt, 1, Clock()).cam_from_world
-    if refined is not None and coarse.cam_from_world is not None:
-        evidence |= of_refined(refined, coarse.cam_from_world)
+    if refined is not None and refined.covariance is not None:
+        found = compare_stages(coarse, refined, VerificationSettings())
+        evidence |= of_refined(refined, coarse.cam_from_world) | asdict(found)
     at_first = errors(coarse.cam_from_world, sample)
     evidence |= {f"coarse_{name}": value for name, value in at_first.items()}
     return evidence | errors(final, sample)
 
 
-def of_refined(refined: RefinementResult, start_cam_from_world: Float64Array) -> dict[str, Any]:
-    if refined.cam_from_world is None or refined.covariance is None:
+def of_refined(
+    refined: RefinementResult, start_cam_from_world: Float64Array | None
+) -> dict[str, Any]:
+    if refined.cam_from_world is None or refined.covariance is None or start_cam_from_world is None:
         return {}
-    unit = refined.metres_per_unit
+    unit = refined.tolerance_unit
     shift = pose_difference(refined.cam_from_world, start_cam_from_world)
     translation, rotation = (
         float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))

@@ -94,7 +94,9 @@ class RefinementResult:
         overlap: share of the image where both show the map, in [0, 1].
         pixels: that took part at full size.
         anchors: renders that served as templates.
-        metres_per_unit: the map's, or the one that tolerances were scaled by.
+        metres_per_unit: the map's, or the one that lengths were scaled by.
+        tolerance_unit: metres per unit for tolerances, which are made for rooms: that of the
+            map, or smaller where the median depth is more than 2 m.
         converged: whether the last level converged.
         reason: why it failed, or None.
     """
@@ -109,6 +111,7 @@ class RefinementResult:
     pixels: int
     anchors: int
     metres_per_unit: float
+    tolerance_unit: float
     converged: bool
     reason: str | None = None
 
@@ -147,7 +150,8 @@ def refine_pose(
         view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
         unit = view.metres_per_unit(metres_per_unit)
-        mask = visibility_mask(renderer, view, settings.visibility, unit)
+        tolerance_unit = min(unit, view.metres_per_unit(None))
+        mask = visibility_mask(renderer, view, settings.visibility, tolerance_unit)
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
         near = alignment is not None and alignment.motion_pixels <= settings.far_pixels
         levels = min(1, most_levels) if near else most_levels
@@ -189,6 +193,7 @@ def refine_pose(
         pixels=alignment.pixels,
         anchors=anchors,
         metres_per_unit=unit,
+        tolerance_unit=tolerance_unit,
         converged=alignment.converged,
     )
 
@@ -254,4 +259,6 @@ def _all_valid(photo: Photo) -> BoolArray:
 
 def _failed(reason: str, anchors: int) -> RefinementResult:
     nan = float("nan")
-    return RefinementResult(None, None, nan, nan, nan, nan, 0.0, 0, anchors, nan, False, reason)
+    return RefinementResult(
+        None, None, nan, nan, nan, nan, 0.0, 0, anchors, nan, nan, False, reason
+    )
