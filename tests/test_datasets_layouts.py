@@ -329,12 +329,13 @@ def test_colmap_with_a_query_list(model: Path) -> None:
     lists = {"queries": model / "queries.txt", "truth": model / "truth.txt"}
     folder = model / "queries"
     dataset = read_colmap(model / "sparse", model / "images", **lists, query_folder=folder)
-    assert dataset.image_folder == model
-    assert query_names(dataset) == ["queries/night/a.png"]
-    assert dataset.references.names[0] == "images/00.png"
+    assert dataset.image_folder == model / "images"
+    assert dataset.query_folder == folder
+    assert query_names(dataset) == ["night/a.png"]  # as in the lists
+    assert dataset.references.names[0] == "00.png"
     assert len(dataset.references) == 17
     assert dataset.queries[0].camera.fx == 50
-    truth = dataset.truths["colmap"]["queries/night/a.png"]
+    truth = dataset.truths["colmap"]["night/a.png"]
     np.testing.assert_allclose(truth, true, atol=1e-8)
     with pytest.raises(SettingsError, match="belong together"):
         read_colmap(model / "sparse", model / "images", queries=lists["queries"])

@@ -129,7 +129,7 @@ def test_the_page_holds_every_number(page: Page, run: SceneRun) -> None:
         assert f"{detail['refined']['agreement']:.2f}" in page.texts
         assert f"{detail['seconds']['total']:.2f}" in page.texts
         assert detail["name"] in page.texts
-    assert f"{100 * np.median(distances):.2f} cm" in page.texts
+    assert f"{100 * np.median(distances):.3g} cm" in page.texts
     assert f"{np.median(degrees):.3f}°" in page.texts
     assert "4 of 5" in page.texts  # the black photo has a true pose, the missing one none
     assert "80.0 %" in page.texts

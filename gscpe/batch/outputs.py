@@ -18,8 +18,11 @@ def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Pat
         taken.add(path.resolve())
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            new = not path.exists()
             with path.open("a"):
                 pass
+            if new:  # nothing empty is left behind where the work fails
+                path.unlink()
         except OSError as error:
             raise OutputError(f"{path} cannot be written: {error.strerror}") from error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import multiprocessing.resource_tracker
 import signal
+import threading
 import traceback
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pickle import UnpicklingError
 from typing import Iterator
+
+from tqdm import tqdm
 
 from gscpe.batch.details import Detail
 from gscpe.batch.instructions import Instructions
@@ -99,7 +102,7 @@ class ProcessWorker:
         """Ends it: an idle one by itself, a busy one at once."""
         self.pipe.close()
         if self.query is not None or not self.ready:
-            self._process.terminate()
+            self._process.kill()  # at SIGTERM, pycolmap prints where it was
         self._process.join(_PATIENCE)
         if self._process.is_alive():
             self._process.kill()
@@ -109,6 +112,8 @@ class ProcessWorker:
 def _work(pipe: Connection, instructions: Instructions) -> None:
     """What the process does, until the other end of the pipe is closed."""
     _ignore_interrupts()
+    # A lock between processes, as tqdm makes one, is lost with a process that is killed.
+    tqdm.set_lock(threading.RLock())
     try:
         with Worker.start(instructions) as worker:
             pipe.send(Ready(worker.description))

@@ -103,7 +103,7 @@ def benchmark_scene(
                 paths.report,
                 run,
                 localizer,
-                dataset.image_folder,
+                dataset.query_folder or dataset.image_folder,
                 settings.report,
                 matcher,
                 progress,
@@ -131,7 +131,7 @@ def localize_queries(
     """The details of the queries, and who worked; poses are written for the benchmark itself."""
     instructions = Instructions.of(
         paths.map,
-        dataset.image_folder,
+        dataset.query_folder or dataset.image_folder,
         localizer or settings.localizer,
         settings.matcher,
         settings.backend,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from gscpe.cli.common import Commands
@@ -10,6 +11,7 @@ from gscpe.errors import OutputError
 from gscpe.scene.poses import (
     POSE_FORMATS,
     format_of_path,
+    photo_numbers,
     poses_by_name,
     read_pose_file,
     write_pose_file,
@@ -56,6 +58,12 @@ def run(options: argparse.Namespace) -> int:
             poses, _ = poses_by_name(poses, list(cameras))
     elif cameras is not None and not poses.keys() <= cameras.keys():
         cameras = None  # a file that tells only some cameras is no list of all photos
+    if to_format == "tum" and cameras is None and photo_numbers(list(poses)) is None:
+        print(
+            f"{options.input}: photos are not named by their times, so that their positions in "
+            "this file are written, from 0; where it lacks photos, give the whole list (--queries)",
+            file=sys.stderr,
+        )
     write_pose_file(options.output, poses, to_format, cameras)
     print(f"{options.output}: {len(poses)} poses, {file.format} to {to_format}")
     return 0

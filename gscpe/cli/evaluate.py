@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 
 from gscpe.arrays import Float64Array
 from gscpe.cli.common import Commands, print_json
@@ -55,8 +56,9 @@ def run(options: argparse.Namespace) -> int:
         return 0
     print(f"localized        {result.localized} of {result.queries} photos of the truth list")
     if result.localized:
-        print(f"median position  {100.0 * result.median_distance:.3f} cm")
-        print(f"median rotation  {result.median_degrees:.3f} deg")
+        of = "" if result.localized == result.queries else f" (of these {result.localized})"
+        print(f"median position  {100.0 * result.median_distance:.3f} cm{of}")
+        print(f"median rotation  {result.median_degrees:.3f} deg{of}")
     for (metres, degrees), share in zip(THRESHOLDS, result.shares, strict=True):
         limit = f"{100 * metres:.0f} cm / {degrees:.0f} deg"
         print(f"within {limit:<15} {100.0 * share:5.1f} %")
@@ -66,7 +68,14 @@ def run(options: argparse.Namespace) -> int:
         print(f"{len(estimates.not_finite)} of these have one that is not finite")
     if result.ignored:
         print(f"{result.ignored} estimates are of photos that are not in the truth list")
-    if by_position:
+    if by_position and len(estimated) < len(known):
+        print(
+            f"{options.poses} holds {len(estimated)} poses for {len(known)} photos. Its timestamps "
+            "were taken as positions in the truth list, from 0; if they count the poses of the "
+            "file, all errors above are wrong",
+            file=sys.stderr,
+        )
+    elif by_position:
         print("timestamps were taken as positions in the truth list, from 0")
     return 0
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from gscpe.datasets.assembly import make_dataset
 from gscpe.datasets.dataset import Dataset
 from gscpe.datasets.files import read_lines
-from gscpe.datasets.photos import common_parent, photos_on_disk, relative_name
+from gscpe.datasets.photos import check_sizes, photos_on_disk
 from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import DatasetError, SettingsError
+from gscpe.scene import References
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.pose_file import read_poses
-from gscpe.scene.query_list import read_query_list
+from gscpe.scene.query_list import Query, read_query_list
 
 NAME = "COLMAP"
+TRUTH = "colmap"
+
+_logger = logging.getLogger(__name__)
 
 
 def read_colmap(
@@ -36,8 +41,6 @@ def read_colmap(
     - ``queries`` and ``truth``: all photos of the model are references. Queries are those of an
       hloc list (``name MODEL width height params...``) in ``query_folder`` (None: the image
       folder), and ``truth`` holds their poses (``name qw qx qy qz tx ty tz``, world to camera).
-      Names are then relative to the folder that both image folders have in common, for example
-      ``references/a.jpg`` and ``queries/b.jpg``.
 
     Args:
         model_folder: with cameras.bin or cameras.txt.
@@ -60,44 +63,64 @@ def read_colmap(
         raise SettingsError("query_folder needs queries and truth")
     scene = image_folder.absolute().parent.name if scene is None else scene
     model = read_colmap_references(model_folder, image_folder)
-    cameras = dict(zip(model.names, model.cameras, strict=True))
-    poses = dict(zip(model.names, model.cam_from_world, strict=True))
-    parent = image_folder
-
-    if queries is None or truth is None:
-        if test_list is None:
-            asked, split = every_nth(model.names, every), every_nth_text(every)
-        else:
-            split = "a list of queries"
-            asked = _read_names(Path(test_list)) & frozenset(model.names)
-            if not asked:
-                raise DatasetError(f"{test_list}: no photo of {model_folder} is in this list")
+    if queries is not None and truth is not None:
+        own = image_folder if query_folder is None else Path(query_folder)
+        return _with_queries(
+            model, image_folder, Path(queries), Path(truth), own, metres_per_unit, scene
+        )
+    if test_list is None:
+        asked, split = every_nth(model.names, every), every_nth_text(every)
     else:
-        query_folder = image_folder if query_folder is None else Path(query_folder)
-        parent = common_parent(image_folder, query_folder)
-        asked_cameras = {query.name: query.camera for query in read_query_list(queries)}
-        found = photos_on_disk(query_folder, asked_cameras, f"the folder that {queries} is of")
-        to_name = {name: relative_name(parent, query_folder / n) for name, n in found.items()}
-        true_poses = {to_name[n]: p for n, p in read_poses(truth).items() if n in to_name}
-        if not true_poses:
-            raise DatasetError(f"{truth} has no pose of a photo of {queries}")
-        cameras = {relative_name(parent, image_folder / n): c for n, c in cameras.items()}
-        both = sorted(set(cameras) & set(to_name.values()))
-        if both:
-            raise DatasetError(f"{both[0]} is in {model_folder} and in {queries}; leave one out")
-        poses = {relative_name(parent, image_folder / n): p for n, p in poses.items()} | true_poses
-        cameras |= {to_name[name]: asked_cameras[name] for name in found}
-        asked = frozenset(to_name.values())
         split = "a list of queries"
+        asked = _read_names(Path(test_list)) & frozenset(model.names)
+        if not asked:
+            raise DatasetError(f"{test_list}: no photo of {model_folder} is in this list")
     return make_dataset(
         name=NAME,
         scene=scene,
-        image_folder=parent,
-        cameras=cameras,
-        truths={"colmap": poses},
+        image_folder=image_folder,
+        cameras=dict(zip(model.names, model.cameras, strict=True)),
+        truths={TRUTH: dict(zip(model.names, model.cam_from_world, strict=True))},
         queries=asked,
         metres_per_unit=metres_per_unit,
         split=split,
+    )
+
+
+def _with_queries(
+    model: References,
+    image_folder: Path,
+    queries: Path,
+    truth: Path,
+    query_folder: Path,
+    metres_per_unit: float | None,
+    scene: str,
+) -> Dataset:
+    """All photos of the model are references; those of a list, with a true pose, are queries."""
+    cameras = {query.name: query.camera for query in read_query_list(queries)}
+    found = photos_on_disk(query_folder, cameras, f"the folder that {queries} is of")
+    true_poses = read_poses(truth)
+    known = {found[name]: name for name in found if name in true_poses}
+    if not known:
+        raise DatasetError(f"{truth} has no pose of a photo of {queries}")
+    if len(known) < len(cameras):
+        _logger.warning(
+            "%d of the %d photos of %s are not there or have no pose in %s, and are left out",
+            *(len(cameras) - len(known), len(cameras), queries, truth),
+        )
+    asked = {photo: cameras[name] for photo, name in known.items()}
+    check_sizes(image_folder, dict(zip(model.names, model.cameras, strict=True)))
+    check_sizes(query_folder, asked)
+    return Dataset(
+        name=NAME,
+        scene=scene,
+        references=model,
+        queries=tuple(Query(photo, camera) for photo, camera in sorted(asked.items())),
+        image_folder=image_folder,
+        truths={TRUTH: {photo: true_poses[name] for photo, name in known.items()}},
+        metres_per_unit=metres_per_unit,
+        query_folder=query_folder,
+        split="a list of queries",
     )
 
 

@@ -23,11 +23,12 @@ class Dataset:
         name: of the data set, as tables print it, for example "7-Scenes".
         scene: of the scene, for example "redkitchen".
         references: photos with known poses; names are relative to ``image_folder``.
-        queries: photos to localize, and their cameras; names are relative to ``image_folder``.
-        image_folder: that holds both.
+        queries: photos to localize, and their cameras.
+        image_folder: that holds both, unless the queries have a folder of their own.
         truths: name of a ground truth -> photo name -> ``cam_from_world``, (4, 4) float64. The
             first is the one that the references' poses are of.
         metres_per_unit: of the poses; None where it is not known.
+        query_folder: that the queries' names are relative to; None: the image folder.
         split: how references and queries were told apart, for people; OFFICIAL where it is
             that of the data set, and complete, so that published numbers may be compared.
 
@@ -43,6 +44,7 @@ class Dataset:
     image_folder: Path
     truths: Mapping[str, Mapping[str, Float64Array]]
     metres_per_unit: float | None = 1.0
+    query_folder: Path | None = None
     split: str = "chosen"
 
     def __post_init__(self) -> None:
@@ -53,6 +55,8 @@ class Dataset:
             raise DatasetError(f"{what}: no query photos are left; is the split right?")
         if not self.truths:
             raise DatasetError(f"{what}: no ground truth")
+        if self.query_folder is not None and self.query_folder != self.image_folder:
+            return
         both = {query.name for query in self.queries} & set(self.references.names)
         if both:
             raise DatasetError(f"{what}: {min(both)} is both a reference and a query")

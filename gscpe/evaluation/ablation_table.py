@@ -27,7 +27,11 @@ def ablation_table(
     named = [(row, False) for row in rows]
     if with_published:
         named += [(AblationRow(*row), True) for row in published.ABLATION]
-    notes = f"published: {published.METHOD} on {published.DATASET} {published.ABLATION_SCENE}"
+    notes = ["of the image alignment alone, before its mean with the coarse pose"]
+    if with_published:
+        notes.append(
+            f"published: {published.METHOD} on {published.DATASET} {published.ABLATION_SCENE}"
+        )
     return Table(
         title,
         ("", "position (cm)", "rotation (°)"),
@@ -39,7 +43,7 @@ def ablation_table(
             )
             for row, theirs in named
         ),
-        (notes,) if with_published else (),
+        tuple(notes),
         tuple(
             {
                 "name": row.name,

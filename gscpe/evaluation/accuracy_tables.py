@@ -18,6 +18,7 @@ from gscpe.evaluation.table import NOTHING, Table
 
 STAGES: tuple[tuple[Stage, str], ...] = (("coarse", "coarse"), ("final", "refined"))
 REFINED = "refined: the final pose, the mean of the coarse and the aligned pose by covariance"
+MEDIANS = "medians are over the queries that have a pose; see the shares for all of them"
 _AVERAGE = "average: mean of the scenes' medians"
 _NO_UNIT = "u: map units, where a scene's unit in metres is not known"
 
@@ -49,12 +50,12 @@ def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
         cells.append(lost)
         rows.append((label, *cells))
         records.append(record)
-    notes = [REFINED, *_without_coarse(truth, runs)]
+    notes = [REFINED, MEDIANS, *_without_coarse(truth, runs)]
     if len(runs) > 1:
         notes.append(_AVERAGE)
     if any(run.metres_per_unit is None for run in runs):
         notes.append(_NO_UNIT)
-    theirs = list(_published_rows(scenes)) if _is_the_papers(dataset, truth, runs) else []
+    theirs = list(_published_rows(scenes)) if _is_the_papers(truth, runs) else []
     if theirs:
         notes.append(f"published: {published.METHOD}, {published.SOURCE}")
     rows += [row for row, _ in theirs]
@@ -107,10 +108,8 @@ def shares_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
     )
 
 
-def _is_the_papers(dataset: str, truth: str, runs: Sequence[SceneRun]) -> bool:
-    return (dataset, truth) == (published.DATASET, published.TRUTH) and all(
-        run.setup.get("split") == published.SPLIT for run in runs
-    )
+def _is_the_papers(truth: str, runs: Sequence[SceneRun]) -> bool:
+    return truth == published.TRUTH and all(published.same_photos(run) for run in runs)
 
 
 def _published_rows(scenes: Sequence[str]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from gscpe.evaluation.scene_run import SceneRun
+
 METHOD = "GS-CPE"
 SOURCE = "arXiv:2608.10938"
 DATASET = "7-Scenes"
@@ -51,6 +53,11 @@ ABLATION = (
 )
 """On Office: what is left out, median centimetres, median degrees."""
 ABLATION_SCENE = "office"
+
+
+def same_photos(run: SceneRun) -> bool:
+    """Whether a run is of the paper's data set, with the paper's split."""
+    return run.dataset == DATASET and run.setup.get("split") == SPLIT
 
 
 def error_of(stage: str, scene: str | None) -> PublishedError | None:

@@ -32,16 +32,12 @@ def runtime_table(runs: Sequence[SceneRun]) -> Table:
         add(f"{run.dataset} {run.scene}", run.details)
     if len(runs) > 1:
         add("all", [detail for run in runs for detail in run.details])
-    seconds = [published.SECONDS.get(stage) for stage in _TIMED]
-    name = f"{published.METHOD} on an {published.MACHINE} (published)"
-    rows.append((name, *(NOTHING if s is None else f"{s:.3f}" for s in seconds)))
-    records.append(
-        {
-            "name": name,
-            "published": True,
-            "stages": {f"{stage}_s": s for stage, s in zip(_TIMED, seconds, strict=True)},
-        }
-    )
+    if runs and all(published.same_photos(run) for run in runs):
+        seconds = [published.SECONDS.get(stage) for stage in _TIMED]
+        name = f"{published.METHOD} on an {published.MACHINE} (published)"
+        rows.append((name, *(NOTHING if s is None else f"{s:.3f}" for s in seconds)))
+        stages = {stage: {"published_s": s} for stage, s in zip(_TIMED, seconds, strict=True)}
+        records.append({"name": name, "published": True, "stages": stages})
     return Table(
         "Seconds a query: median / mean",
         ("", *_TIMED),

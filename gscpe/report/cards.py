@@ -6,6 +6,7 @@ from typing import Any, Mapping, Sequence
 
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.report.markup import Markup, element, join
+from gscpe.report.query_errors import STAGE_NAMES
 from gscpe.report.query_pictures import QueryPictures
 from gscpe.report.selection import Shown
 from gscpe.report.settings import ReportSettings
@@ -162,7 +163,7 @@ def _facts(
     coarse, refined = detail["coarse"] or {}, detail["refined"] or {}
     facts = [
         (
-            f"{stage} error",
+            f"{STAGE_NAMES[stage]}, error",
             f"{length_text(error.distance, metric)}, {degrees_text(error.degrees)}",
         )
         for stage, error in errors.items()

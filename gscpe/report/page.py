@@ -87,7 +87,7 @@ def _page(
     metric = run.metres_per_unit is not None
     links = {str(run.details[i.index]["name"]): f"#{card_id(i.index)}" for i in shown}
     sections = {
-        "accuracy": join(accuracy_table(run), _curves(run, errors)),
+        "accuracy": join(accuracy_table(run), _medians_note(run), _curves(run, errors)),
         "above": top_view(run, errors, localizer.map, settings, links),
         "runtime": runtime_table(run.details),
         "all": join(_filter(), query_table(run, errors, shown, links)),
@@ -181,8 +181,8 @@ def _tiles(run: SceneRun) -> list[Markup]:
     names = {str(detail["name"]) for detail in run.details}
     if names & true_poses(run).keys():
         result = run.evaluate("final")
-        tiles.append((length_text(result.median_distance, metric), "median position error"))
-        tiles.append((degrees_text(result.median_degrees), "median rotation error"))
+        tiles.append((length_text(result.median_distance, metric), "median position error*"))
+        tiles.append((degrees_text(result.median_degrees), "median rotation error*"))
         if metric:
             tiles.append((share_text(result.shares[1]), "within 5 cm and 5°"))
     totals = [float(d["seconds"]["total"]) for d in run.details if "total" in d["seconds"]]
@@ -191,6 +191,13 @@ def _tiles(run: SceneRun) -> list[Markup]:
     return [
         element("li", element("strong", number), element("span", what)) for number, what in tiles
     ]
+
+
+def _medians_note(run: SceneRun) -> Markup:
+    if not run.truths:
+        return Markup("")
+    text = "* Medians are over the photos that have a pose; shares are of all photos."
+    return element("p", text, class_="note")
 
 
 def _curves(run: SceneRun, errors: Errors) -> Markup:

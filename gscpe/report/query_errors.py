@@ -11,6 +11,9 @@ from gscpe.scene.pose_file import parse_pose
 
 STAGES: tuple[Stage, ...] = ("coarse", "refined", "final")
 
+STAGE_NAMES = {"coarse": "coarse", "refined": "alignment alone", "final": "final"}
+"""As people read them: the final pose is the mean of the other two."""
+
 Errors = Mapping[str, Mapping[str, PoseDifference]]
 """By stage, then by photo name; distances in metres where the map's unit is known, else in map
 units. Only of localized photos that the first ground truth knows."""

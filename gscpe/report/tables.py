@@ -8,7 +8,7 @@ import numpy as np
 
 from gscpe.evaluation import THRESHOLDS, SceneRun
 from gscpe.report.markup import Markup, element, join
-from gscpe.report.query_errors import STAGES, Errors
+from gscpe.report.query_errors import STAGE_NAMES, STAGES, Errors
 from gscpe.report.selection import Shown
 from gscpe.report.text import MISSING, length_text, number_text, share_text
 
@@ -23,7 +23,7 @@ _MARKED = {"worst", "slowest"}
 def accuracy_table(run: SceneRun) -> Markup:
     """Median errors and shares of each stage, against each ground truth."""
     metric = run.metres_per_unit is not None
-    head = ["ground truth", "stage", "localized", "median position", "median rotation"]
+    head = ["ground truth", "stage", "localized", "median position*", "median rotation*"]
     if metric:
         head += [f"≤ {100 * metres:g} cm, {degrees:g}°" for metres, degrees in THRESHOLDS]
     names = {str(detail["name"]) for detail in run.details}
@@ -130,7 +130,7 @@ def tag(kind: str) -> Markup:
 
 
 def _stage_key(stage: str) -> Markup:
-    return join(element("span", class_=f"key {stage}"), stage)
+    return join(element("span", class_=f"key {stage}"), STAGE_NAMES[stage])
 
 
 def _cells(texts: Iterable[str]) -> list[Markup]:

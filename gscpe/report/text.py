@@ -14,7 +14,7 @@ def length_text(distance: float | None, metric: bool) -> str:
         return MISSING
     if not metric:
         return f"{distance:.3g} units"
-    return f"{distance:.2f} m" if distance >= 1.0 else f"{100.0 * distance:.2f} cm"
+    return f"{distance:.2f} m" if distance >= 1.0 else f"{100.0 * distance:.3g} cm"
 
 
 def degrees_text(degrees: float | None) -> str:

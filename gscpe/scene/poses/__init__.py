@@ -3,6 +3,7 @@
 from gscpe.scene.poses.correspondence import MatchedBy, poses_by_name
 from gscpe.scene.poses.detect import POSE_FORMATS, PoseFormat, detect_format
 from gscpe.scene.poses.files import PoseFile, format_of_path, read_pose_file, write_pose_file
+from gscpe.scene.poses.tum import photo_numbers
 
 __all__ = [
     "POSE_FORMATS",
@@ -11,6 +12,7 @@ __all__ = [
     "PoseFormat",
     "detect_format",
     "format_of_path",
+    "photo_numbers",
     "poses_by_name",
     "read_pose_file",
     "write_pose_file",

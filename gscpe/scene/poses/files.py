@@ -126,7 +126,7 @@ def format_of_path(path: str | Path) -> PoseFormat:
     except KeyError:
         raise PoseError(
             f"the ending of {path} does not tell the form of a pose file (images.txt, "
-            f"{', '.join(_ENDINGS)} do); give it"
+            f"{', '.join(_ENDINGS)} do); say which (--to)"
         ) from None
 
 
