@@ -195,3 +195,21 @@ def test_fewer_queries_are_evenly_spread(root: Path) -> None:
     dataset: Dataset = read_seven_scenes(root, "redkitchen")
     assert chosen_queries(dataset, None) == chosen_queries(dataset, 9) == dataset.queries
     assert chosen_queries(dataset, 2) == (dataset.queries[0], dataset.queries[-1])
+
+
+def test_all_scenes_are_those_that_are_there(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    everything = command(root, tmp_path / "out", "--limit", "1", "--no-report", "--workers", "1")
+    everything[everything.index("redkitchen")] = "all"
+    only = tmp_path / "only"
+    only.mkdir()
+    (only / "redkitchen").symlink_to(root / "redkitchen")
+    everything[everything.index(str(root))] = str(only)
+    assert main(everything) == 0
+    out, err = capsys.readouterr()
+    assert "redkitchen" in out
+    assert "no folder chess, fire" in err
+    everything[everything.index(str(only))] = str(tmp_path)
+    assert main(everything) == 2
+    assert "chess is missing" in capsys.readouterr().err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import logging
+from pathlib import Path
 from typing import Sequence
 
 from gscpe.datasets import (
@@ -16,6 +18,8 @@ from gscpe.datasets import (
     read_transforms,
     seven_scenes,
 )
+
+_log = logging.getLogger(__name__)
 
 
 def add_kinds(parser: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
@@ -104,19 +108,26 @@ def _add_unit(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _chosen(scenes: Sequence[str], known: Sequence[str]) -> Sequence[str]:
-    return known if list(scenes) == ["all"] else list(dict.fromkeys(scenes))
+def _chosen(root: str, scenes: Sequence[str], known: Sequence[str]) -> Sequence[str]:
+    """All: those that are there; if none is, the first, which the reader says is missing."""
+    if list(scenes) != ["all"]:
+        return list(dict.fromkeys(scenes))
+    there = [scene for scene in known if (Path(root) / scene).is_dir()]
+    missing = [scene for scene in known if scene not in there]
+    if there and missing:
+        _log.warning("%s has no folder %s; going on without", root, ", ".join(missing))
+    return there or known[:1]
 
 
 def _read_seven_scenes(options: argparse.Namespace) -> list[Dataset]:
     return [
         read_seven_scenes(options.root, scene, options.ground_truth, options.pgt)
-        for scene in _chosen(options.scene, seven_scenes.SCENES)
+        for scene in _chosen(options.root, options.scene, seven_scenes.SCENES)
     ]
 
 
 def _read_cambridge(options: argparse.Namespace) -> list[Dataset]:
-    scenes = _chosen(options.scene, cambridge.SCENES)
+    scenes = _chosen(options.root, options.scene, cambridge.SCENES)
     return [read_cambridge(options.root, scene) for scene in scenes]
 
 
