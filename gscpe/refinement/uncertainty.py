@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gscpe.arrays import Float64Array, IntArray
+from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
@@ -85,27 +85,27 @@ def pose_covariance(
         curvatures *= tukey_curvature(residuals, alignment.residual)
     unknowns = 8 if solver.gain_and_bias else 6
     light = np.stack([template.intensities, np.ones_like(residuals)])
-    design = np.concatenate([alignment.gain * template.jacobian.T, light])[:unknowns]
-    design = design.astype(np.float64)
-    hessian = (design * weights) @ design.T
+    gain = np.float32(alignment.gain)
+    design = np.concatenate([gain * template.jacobian.T, light])[:unknowns]
+    hessian = _product(design * weights, design)
     inverse = covariance_from_information(hessian)
     scores = design * (weights * residuals)
     blocks = _blocks(template, photo.camera, settings.blocks)
     sums = np.stack([np.bincount(blocks, score) for score in scores])
-    between, within = sums @ sums.T, scores @ scores.T
+    between, within = sums @ sums.T, _product(scores, scores)
 
     # Eight-bit photos are not better known than that, however well the render fits.
     least = solver.min_noise**2
     mean = max(float(np.trace(inverse @ between)) / unknowns, least)
     rho = max(mean / max(float(np.trace(inverse @ within)) / unknowns, least), 1.0)
-    curved = (design * curvatures) @ design.T
+    curved = _product(design * curvatures, design)
     curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
     middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
     factor = settings.factor * np.sqrt(rho) / curvature**2
     root = np.linalg.cholesky(inverse)
     seen = design.copy()
     seen[:6] = _photo_jacobian(template, photo, alignment)
-    shared = (seen * weights) @ design.T
+    shared = _product(seen * weights, design)
     spread = root @ _inverse_root(root.T @ (0.5 * (shared + shared.T)) @ root)
     covariance = factor * (spread @ (root.T @ middle @ root) @ spread.T)[:6, :6]
     covariance += settings.least_pixels**2 * covariance_from_information(template.motion)
@@ -114,17 +114,23 @@ def pose_covariance(
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment) -> Float64Array:
+def _product(a: Float32Array, b: Float32Array) -> Float64Array:
+    """a b^T."""
+    return np.asarray(a @ b.T, dtype=np.float64)
+
+
+def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment) -> Float32Array:
     """As the template's, (6, N), but of the photo's own gradients where its points are seen."""
     photo_from_anchor = alignment.photo_from_anchor
     u, v, _ = warp(template.points, photo_from_anchor, photo.camera)
     by_u, by_v = (sample_bilinear(image, photo.valid, u, v)[0] for image in gradient(photo.image))
-    points = template.points.astype(np.float64)
-    x, y, z = photo_from_anchor[:3, :3] @ points + photo_from_anchor[:3, 3, None]
-    z = np.maximum(z, 1e-3)
-    by_x, by_y = by_u * photo.camera.fx / z, by_v * photo.camera.fy / z
-    by_point = photo_from_anchor[:3, :3].T @ np.stack([by_x, by_y, -(by_x * x + by_y * y) / z])
-    return np.concatenate([by_point, np.cross(points, by_point, axis=0)])
+    rotation, shift = np.split(photo_from_anchor[:3].astype(np.float32), [3], axis=1)
+    x, y, z = rotation @ template.points + shift
+    z = np.maximum(z, np.float32(1e-3))
+    by_x, by_y = by_u * np.float32(photo.camera.fx) / z, by_v * np.float32(photo.camera.fy) / z
+    by_point = rotation.T @ np.stack([by_x, by_y, -(by_x * x + by_y * y) / z])
+    (x, y, z), (a, b, c) = template.points, by_point
+    return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 def _inverse_root(kept: Float64Array) -> Float64Array:
@@ -135,8 +141,9 @@ def _inverse_root(kept: Float64Array) -> Float64Array:
 
 def _blocks(template: Template, camera: Camera, count: int) -> IntArray:
     """A number for each template point's block of the anchor image, (N,)."""
-    x, y, z = template.points.astype(np.float64)
-    size = camera.width / count
-    column = np.clip((x / z * camera.fx + camera.cx) // size, 0, count - 1)
-    row = np.maximum((y / z * camera.fy + camera.cy) // size, 0)
-    return np.asarray(row * count + column, dtype=np.intp)
+    x, y, z = template.points
+    size = np.float32(camera.width / count)
+    column = (x / z * np.float32(camera.fx) + np.float32(camera.cx)) / size
+    row = (y / z * np.float32(camera.fy) + np.float32(camera.cy)) / size
+    column = np.clip(column.astype(np.intp), 0, count - 1)
+    return np.asarray(np.maximum(row.astype(np.intp), 0) * count + column)
