@@ -10,7 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
+from gscpe.arrays import BoolArray, Float32Array, UInt8Array
 
 _CLIPPED = 254
 _MANY = 0.02
@@ -18,6 +18,7 @@ _BLOCK = 8
 """Pixels whose means are compared: the poses are not exact yet."""
 _SOFT = 0.03
 """Differences beyond this count linearly."""
+_STEPS = 15
 
 
 def is_clipped(photo: UInt8Array) -> bool:
@@ -37,8 +38,6 @@ def fit_exposure(
         photo: (H, W, 3) uint8, from about the same pose.
         shown: (H, W), where the render shows the map.
     """
-    from scipy.optimize import least_squares
-
     height, width = (max(1, side // _BLOCK) for side in shown.shape)
     rendered, seen, clipped, whole = (
         cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
@@ -48,17 +47,28 @@ def fit_exposure(
     usable = (whole[..., None] > 0.9) & ((clipped < 0.02) | (clipped > 0.98))
     if np.count_nonzero(usable) < 60:
         return None
-    rendered, seen = rendered[usable], seen[usable]
+    rendered, seen = (np.asarray(image[usable], np.float32) for image in (rendered, seen))
 
-    def differences(light: Float64Array) -> Float64Array:
-        return np.asarray(np.minimum(light[0] * rendered + light[1], 1.0) - seen).ravel()
+    fits = [_fit(rendered, seen, gain) for gain in (1.0, 2.0)]  # where all is clipped, no slope
+    _, gain, bias = min(fits)
+    return (gain, bias) if gain > 0 else None
 
-    fits = [
-        least_squares(differences, (gain, 0.0), loss="soft_l1", f_scale=_SOFT)
-        for gain in (1.0, 2.0)  # where all is clipped, the first has no slope
-    ]
-    gain, bias = min(fits, key=lambda fit: float(fit.cost)).x
-    return (float(gain), float(bias)) if gain > 0 else None
+
+def _fit(rendered: Float32Array, seen: Float32Array, gain: float) -> tuple[float, float, float]:
+    """Cost, gain and bias by Gauss-Newton steps under the soft L1 loss."""
+    bias = 0.0
+    for _ in range(_STEPS):
+        predicted = np.float32(gain) * rendered + np.float32(bias)
+        misfit = seen - np.minimum(predicted, np.float32(1.0))
+        weights = (predicted < 1.0) / np.sqrt(1.0 + (misfit / _SOFT) ** 2)
+        design = np.stack([rendered, np.ones_like(rendered)])
+        normal = (design * weights) @ design.T + 1e-6 * np.eye(2)
+        step = np.linalg.solve(normal, (design * weights) @ misfit)
+        gain, bias = gain + float(step[0]), bias + float(step[1])
+        if np.abs(step).max() < 1e-4:
+            break
+    misfit = seen - np.minimum(np.float32(gain) * rendered + np.float32(bias), np.float32(1.0))
+    return float(np.sum(np.sqrt(1.0 + (misfit / _SOFT) ** 2))), gain, bias
 
 
 def expose(render: Float32Array, gain: float, bias: float) -> Float32Array:
