@@ -112,7 +112,7 @@ class Localizer(Closing):
                 "build it with references"
             )
         clock = Clock()
-        photo = self._at_the_maps_resolution(to_photo(image, camera))
+        photo = self.at_the_maps_resolution(to_photo(image, camera))
         query = Query(photo, self._matcher, clock)
         best: Attempt | None = None
         tried = 0
@@ -237,9 +237,12 @@ class Localizer(Closing):
         """What renders: the OpenGL driver, or the CPU rasterizer and its threads."""
         return self._renderer.description
 
-    def _at_the_maps_resolution(self, photo: Photo) -> Photo:
-        """A splat looks right at the resolution of the photos that it was made of: nearer by,
-        its Gaussians come apart; from afar, they cover each other. Angles a pixel count."""
+    def at_the_maps_resolution(self, photo: Photo) -> Photo:
+        """The photo as it is localized: with as many pixels a radian as the references have.
+
+        A splat looks right at the resolution of the photos that it was made of: nearer by, its
+        Gaussians come apart; from afar, they cover each other.
+        """
         references = self.map.references.cameras
         if not references:
             return photo

@@ -91,6 +91,16 @@ def test_units_do_not_matter(scale: float, unit: float | None) -> None:
     np.testing.assert_allclose(ratio, 1.0, rtol=0.15)
 
 
+def test_tolerances_grow_with_the_depth() -> None:
+    """Of a metric scene 20 m away they are those of one whose unit is not known."""
+    far, unknown = (refine(ROOM_POSE, scale=10.0, unit=unit) for unit in (1.0, None))
+    assert far.metres_per_unit == 1.0
+    assert far.tolerance_unit == pytest.approx(unknown.metres_per_unit)
+    assert far.tolerance_unit < 0.2
+    near = refine(ROOM_POSE, scale=0.1, unit=1.0)
+    assert near.tolerance_unit == 1.0
+
+
 PAPER = {"rerender_translation": 0.005, "rerender_rotation_degrees": 0.5}
 
 

@@ -180,7 +180,7 @@ def _run(
     localizer: Localizer, matcher: Matcher, query: Query, image: UInt8Array, truth: Float64Array
 ) -> Run:
     """The coarse loop from the best reference of one query."""
-    photo = localizer._at_the_maps_resolution(to_photo(image, query.camera))
+    photo = localizer.at_the_maps_resolution(to_photo(image, query.camera))
     known = localizer.map.descriptors
     described = open_describer(known).describe(photo.rgb, None, photo.valid)
     reference = search(described, known.descriptors, 1)[0]

@@ -57,7 +57,7 @@ def read_cases(localizer: Localizer, data: Path, count: int) -> list[Case]:
     cases = []
     for query in (listed[i] for i in chosen):
         image = read_image(data / "queries" / query.name)
-        photo = localizer._at_the_maps_resolution(to_photo(image, query.camera))
+        photo = localizer.at_the_maps_resolution(to_photo(image, query.camera))
         cases.append(Case(query, image, photo, truth[query.name]))
     return cases
 

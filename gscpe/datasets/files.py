@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Mapping, Sequence
+from typing import Any, Iterator, Mapping, Sequence
 
 from gscpe.errors import DatasetError
 
@@ -13,20 +14,27 @@ def missing(path: Path, source: str) -> DatasetError:
     return DatasetError(f"{path} is missing; it comes from {source}")
 
 
-def read_text(path: Path, source: str) -> str:
-    """The text of a file.
-
-    Raises:
-        DatasetError: the file is missing, cannot be read, or is not text.
-    """
+@contextmanager
+def reading(path: Path, source: str) -> Iterator[None]:
+    """Turns what goes wrong while a text file is read into a DatasetError."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        yield
     except FileNotFoundError:
         raise missing(path, source) from None
     except OSError as error:
         raise DatasetError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path} is not a text file; copy it again from {source}") from error
+
+
+def read_text(path: Path, source: str) -> str:
+    """The text of a file.
+
+    Raises:
+        DatasetError: the file is missing, cannot be read, or is not text.
+    """
+    with reading(path, source):
+        return path.read_text(encoding="utf-8-sig")
 
 
 def read_lines(path: Path, source: str) -> list[tuple[int, str]]:

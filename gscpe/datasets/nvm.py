@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gscpe.datasets.files import missing, parse_numbers
+from gscpe.datasets.files import parse_numbers, reading
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
 
@@ -28,28 +28,20 @@ def read_nvm_cameras(path: Path, source: str) -> dict[str, tuple[float, float]]:
     Raises:
         DatasetError: the file is missing, not of NVM_V3, or damaged.
     """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            # The 3D points, which fill most of the file, are not read.
-            lines = ((i, line.split()) for i, line in enumerate(file, 1) if line.strip())
-            _, header = next(lines, (0, [""]))
-            if header[0] != "NVM_V3":
-                raise DatasetError(f"{path} is not a file of VisualSFM: it begins without NVM_V3")
-            number, count = next(lines, (0, []))
-            (total,) = parse_numbers(count, 1, f"{path}, line {number}", "number of cameras")
-            cameras: dict[str, tuple[float, float]] = {}
-            for number, words in lines:
-                if len(cameras) >= total:
-                    break
-                where = f"{path}, line {number}"
-                values = parse_numbers(words[1:], 10, where, _FORM)
-                cameras[words[0]] = values[0], values[8]
-    except FileNotFoundError:
-        raise missing(path, source) from None
-    except OSError as error:
-        raise DatasetError(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{path} is not a text file; copy it again from {source}") from error
+    with reading(path, source), path.open(encoding="utf-8-sig") as file:
+        # The 3D points, which fill most of the file, are not read.
+        lines = ((i, line.split()) for i, line in enumerate(file, 1) if line.strip())
+        _, header = next(lines, (0, [""]))
+        if header[0] != "NVM_V3":
+            raise DatasetError(f"{path} is not a file of VisualSFM: it begins without NVM_V3")
+        number, count = next(lines, (0, []))
+        (total,) = parse_numbers(count, 1, f"{path}, line {number}", "number of cameras")
+        cameras: dict[str, tuple[float, float]] = {}
+        for number, words in lines:
+            if len(cameras) >= total:
+                break
+            values = parse_numbers(words[1:], 10, f"{path}, line {number}", _FORM)
+            cameras[words[0]] = values[0], values[8]
     if len(cameras) != total:
         raise DatasetError(f"{path} is cut off: {len(cameras)} of {total:.0f} cameras")
     return cameras

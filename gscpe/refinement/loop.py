@@ -150,7 +150,7 @@ def refine_pose(
         view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
         unit = view.metres_per_unit(metres_per_unit)
-        tolerance_unit = min(unit, view.metres_per_unit(None))
+        tolerance_unit = view.tolerance_unit(metres_per_unit)
         mask = visibility_mask(renderer, view, settings.visibility, tolerance_unit)
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
         near = alignment is not None and alignment.motion_pixels <= settings.far_pixels

@@ -37,5 +37,13 @@ class RenderedView:
         depth that tolerances in metres were made for; 1 where nothing is seen."""
         if known is not None:
             return known
+        return self._unit_of_the_depth()
+
+    def tolerance_unit(self, known: float | None) -> float:
+        """Metres per unit for tolerances in metres, which are made for rooms: as
+        :meth:`metres_per_unit`, or smaller where the median depth is more than 2 m."""
+        return min(self.metres_per_unit(known), self._unit_of_the_depth())
+
+    def _unit_of_the_depth(self) -> float:
         seen = self.depth > 0
         return _TYPICAL_DEPTH / float(np.median(self.depth[seen])) if np.any(seen) else 1.0

@@ -20,8 +20,7 @@ from gscpe.refinement.visibility import surface_mask, visibility_mask
 from gscpe.render import RenderedView, Renderer
 from gscpe.report.query_errors import shown_pose
 from gscpe.report.settings import ReportSettings
-from gscpe.scene import Photo, luminance, read_image, to_photo, to_uint8
-from gscpe.scene.photo import resized_photo
+from gscpe.scene import luminance, read_image, to_photo, to_uint8
 
 GREEN, RED = (40, 200, 90), (235, 60, 50)
 _NO_SURFACE, _CONTRADICTED = (200, 40, 120), (250, 170, 0)
@@ -63,8 +62,8 @@ def draw_query(
     """
     try:
         camera = Camera.parse(str(detail["camera"]))
-        photo = _as_localized(
-            to_photo(read_image(image_folder / detail["name"]), camera), localizer
+        photo = localizer.at_the_maps_resolution(
+            to_photo(read_image(image_folder / detail["name"]), camera)
         )
     except InputError as error:
         return QueryPictures({}, problem=str(error))
@@ -77,7 +76,7 @@ def draw_query(
     trusted_pixels = None
     if detail["status"] == "localized":
         mask_settings = localizer.settings.refinement.visibility
-        unit = view.metres_per_unit(localizer.map.metres_per_unit)
+        unit = view.tolerance_unit(localizer.map.metres_per_unit)
         # The mask needs nothing of a renderer but render, which the localizer has too.
         mask = visibility_mask(cast(Renderer, localizer), view, mask_settings, unit)
         trusted_pixels = float(mask.mean())
@@ -105,15 +104,6 @@ def draw_query(
         pictures["photo"], pictures["render"], matches, agree, scale, settings.matches
     )
     return QueryPictures(pictures, trusted_pixels, len(matches), int(np.count_nonzero(agree)))
-
-
-def _as_localized(photo: Photo, localizer: Localizer) -> Photo:
-    """The photo at the resolution of the references, as the localizer looks at it."""
-    references = localizer.map.references.cameras
-    if not references:
-        return photo
-    scale = float(np.median([camera.fx for camera in references])) / photo.camera.fx
-    return photo if 1 / 1.03 <= scale <= 1.03 else resized_photo(photo, min(scale, 2.0))
 
 
 def _shrunk(pictures: Mapping[str, UInt8Array], width: int) -> dict[str, UInt8Array]:
