@@ -10,10 +10,7 @@ Frames, pixel centres and units: docs/conventions.md.
 
 from gscpe.errors import GscpeError
 from gscpe.geometry import Camera, PoseDifference, pose_difference
-from gscpe.localization_result import LocalizationResult
-from gscpe.localizer import Localizer
-from gscpe.localizer_settings import LocalizerSettings
-from gscpe.pose_prior import PosePrior
+from gscpe.localization import LocalizationResult, Localizer, LocalizerSettings, PosePrior
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import (
     GaussianScene,

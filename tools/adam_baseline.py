@@ -93,7 +93,9 @@ def refine_by_adam(
             mask = recorder.visibility_mask(
                 cast(Renderer, recorder), view, refinement.visibility, unit
             )
-            anchors = anchor_pyramid(luminance(view.rgb), view.depth, mask, view.camera, level)
+            anchors = anchor_pyramid(
+                luminance(view.rgb), view.depth, mask, view.camera, level, refinement.lenient_level
+            )
         template = build_template(anchors[level], refinement.solver)
         if template is None:
             continue

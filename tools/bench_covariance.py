@@ -28,7 +28,7 @@ from gscpe.geometry import pose_difference, se3
 from gscpe.mapping import map_from_rgbd
 from gscpe.scene import Map
 
-STAGES = ("coarse", "alignment alone", "final")
+STAGES = ("coarse", "aligned", "final")
 _DEGREES_OF_FREEDOM = 6
 _LARGEST = 30.0
 """Right end of the histograms; what is beyond is counted in their last bar."""
@@ -86,7 +86,7 @@ class Kind:
         if result.cam_from_world is None:
             self.lost += 1
             return
-        for stage, found in zip(STAGES, (result.coarse, result.refined, result), strict=True):
+        for stage, found in zip(STAGES, (result.coarse, result.aligned, result), strict=True):
             assert found is not None
             assert found.cam_from_world is not None
             assert found.covariance is not None

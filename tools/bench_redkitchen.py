@@ -21,7 +21,7 @@ import numpy as np
 from gscpe.batch import localize_list, write_poses
 from gscpe.evaluation import THRESHOLDS, evaluate, normalized_error_squared
 from gscpe.geometry import pose_difference
-from gscpe.localizer import Localizer
+from gscpe.localization.localizer import Localizer
 from gscpe.mapping import build_map
 from gscpe.scene import Map, open_map, read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
@@ -65,8 +65,8 @@ def main() -> int:
     print("|---|---|---|" + "---|" * len(THRESHOLDS))
     for stage, label in (
         ("coarse", "coarse"),
-        ("refined", "alignment alone"),
-        ("final", "refined: both"),
+        ("aligned", "aligned"),
+        ("final", "final"),
     ):
         path = options.output / f"{stage}.txt"
         write_poses(details, path, stage)

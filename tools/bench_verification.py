@@ -31,14 +31,14 @@ from verification_report import plot_roc, print_report, print_tracking
 
 from gscpe import Localizer, LocalizerSettings, PosePrior, open_map
 from gscpe.arrays import Float64Array
-from gscpe.attempt import Attempt, Query, Start, to_result
-from gscpe.clock import Clock
 from gscpe.geometry import pose_difference, se3
+from gscpe.localization.attempt import Attempt, Query, Start, to_result
+from gscpe.localization.clock import Clock
+from gscpe.localization.verification import VerificationSettings, compare_stages, inlier_spread
 from gscpe.refinement import RefinementResult, refine_pose
 from gscpe.scene import Map, to_photo
 from gscpe.scene.pose_file import read_poses
 from gscpe.scene.query_list import read_query_list
-from gscpe.verification import VerificationSettings, compare_stages, inlier_spread
 
 NO_THRESHOLDS = VerificationSettings(
     min_inliers=0,
@@ -121,7 +121,7 @@ def measure(map_: Map, samples: Iterable[Sample], options: argparse.Namespace) -
     with localizer, options.output.open("a") as output:
         for sample in tqdm(samples, disable=not sys.stderr.isatty()):
             if sample.kind == TRACKING:
-                evidence = [refined_from_beside(localizer, sample)]
+                evidence = [aligned_from_beside(localizer, sample)]
             else:
                 localizer.attempts = []
                 localizer.localize(sample.load(), sample.camera)
@@ -139,7 +139,7 @@ def measure(map_: Map, samples: Iterable[Sample], options: argparse.Namespace) -
 
 def of_attempt(attempt: Attempt, sample: Sample) -> dict[str, Any]:
     """All that verification looks at; null where a stage gave nothing."""
-    coarse, refined = attempt.coarse, attempt.refined
+    coarse, aligned = attempt.coarse, attempt.aligned
     assert coarse is not None
     evidence: dict[str, Any] = {
         "inliers": coarse.inliers,
@@ -147,33 +147,33 @@ def of_attempt(attempt: Attempt, sample: Sample) -> dict[str, Any]:
         "spread": inlier_spread(coarse.inlier_pixels, sample.camera),
     }
     final = to_result(attempt, 1, Clock()).cam_from_world
-    if refined is not None and refined.covariance is not None:
-        found = compare_stages(coarse, refined, VerificationSettings())
-        evidence |= of_refined(refined, coarse.cam_from_world) | asdict(found)
+    if aligned is not None and aligned.covariance is not None:
+        found = compare_stages(coarse, aligned, VerificationSettings())
+        evidence |= of_aligned(aligned, coarse.cam_from_world) | asdict(found)
     at_first = errors(coarse.cam_from_world, sample)
     evidence |= {f"coarse_{name}": value for name, value in at_first.items()}
     return evidence | errors(final, sample)
 
 
-def of_refined(
-    refined: RefinementResult, start_cam_from_world: Float64Array | None
+def of_aligned(
+    aligned: RefinementResult, start_cam_from_world: Float64Array | None
 ) -> dict[str, Any]:
-    if refined.cam_from_world is None or refined.covariance is None or start_cam_from_world is None:
+    if aligned.cam_from_world is None or aligned.covariance is None or start_cam_from_world is None:
         return {}
-    unit = refined.tolerance_unit
-    shift = pose_difference(refined.cam_from_world, start_cam_from_world)
+    unit = aligned.tolerance_unit
+    shift = pose_difference(aligned.cam_from_world, start_cam_from_world)
     translation, rotation = (
         float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
-        for block in (refined.covariance[:3, :3], refined.covariance[3:, 3:])
+        for block in (aligned.covariance[:3, :3], aligned.covariance[3:, 3:])
     )
     return {
-        "agreement": None if np.isnan(refined.agreement) else refined.agreement,
-        "overlap": refined.overlap,
+        "agreement": None if np.isnan(aligned.agreement) else aligned.agreement,
+        "overlap": aligned.overlap,
         "shift": shift.distance * unit,
         "shift_degrees": shift.degrees,
         "sigma": translation * unit,
         "sigma_degrees": float(np.degrees(rotation)),
-        "converged": bool(refined.converged),
+        "converged": bool(aligned.converged),
     }
 
 
@@ -184,7 +184,7 @@ def errors(cam_from_world: Float64Array | None, sample: Sample) -> dict[str, flo
     return {"error": error.distance, "error_degrees": error.degrees}
 
 
-def refined_from_beside(localizer: Localizer, sample: Sample) -> dict[str, Any]:
+def aligned_from_beside(localizer: Localizer, sample: Sample) -> dict[str, Any]:
     """As tracking does, from a prior that is 0.1 m and 3 degrees to 0.6 m and 20 degrees off,
     more often near than far."""
     assert sample.truth is not None
@@ -195,14 +195,14 @@ def refined_from_beside(localizer: Localizer, sample: Sample) -> dict[str, Any]:
     step[3:] *= np.radians(3.0 + 17.0 * far) / np.linalg.norm(step[3:])
     prior = beside(sample.truth, step)
     settings = localizer.settings
-    refined = refine_pose(
+    aligned = refine_pose(
         localizer._renderer,
         to_photo(sample.load(), sample.camera),
         prior,
         replace(settings.refinement, levels=settings.near_levels),
         localizer.map.metres_per_unit,
     )
-    return of_refined(refined, prior) | errors(refined.cam_from_world, sample)
+    return of_aligned(aligned, prior) | errors(aligned.cam_from_world, sample)
 
 
 def beside(cam_from_world: Float64Array, step: Float64Array) -> Float64Array:

@@ -19,7 +19,7 @@ from refinement_cases import (
 )
 
 from gscpe import Localizer
-from gscpe.fusion import fuse_matches_and_alignment
+from gscpe.localization.fusion import fuse_matches_and_alignment
 from gscpe.refinement import RefinementSettings, refine_pose
 
 

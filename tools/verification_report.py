@@ -10,7 +10,7 @@ from typing import Any, Mapping, Sequence
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.verification import VerificationSettings
+from gscpe.localization.verification import VerificationSettings
 
 Evidence = Mapping[str, Any]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError
-from gscpe.localization_result import LocalizationResult
+from gscpe.localization import LocalizationResult
 from gscpe.scene.pose_file import format_pose
 from gscpe.scene.query_list import Query
 
@@ -20,12 +20,12 @@ _log = logging.getLogger(__name__)
 Detail = dict[str, Any]
 """What docs/formats.md lists under "Details"."""
 
-_FIELDS = {"name", "camera", "status", "reason", "cam_from_world", "coarse", "refined"}
+_FIELDS = {"name", "camera", "status", "reason", "cam_from_world", "coarse", "aligned"}
 
 
 def result_details(query: Query, result: LocalizationResult) -> Detail:
     """A result as plain data for JSON (docs/formats.md says what each field is)."""
-    coarse, refined = result.coarse, result.refined
+    coarse, aligned = result.coarse, result.aligned
     return {
         "name": query.name,
         "camera": query.camera.colmap_text(),
@@ -34,7 +34,7 @@ def result_details(query: Query, result: LocalizationResult) -> Detail:
         "cam_from_world": _pose(result.cam_from_world),
         "started_from": result.started_from,
         "reference": result.reference,
-        "hypotheses": result.hypotheses,
+        "hypotheses": len(result.attempts),
         "coarse": coarse
         and {
             "cam_from_world": _pose(coarse.cam_from_world),
@@ -45,17 +45,17 @@ def result_details(query: Query, result: LocalizationResult) -> Detail:
             "rounds": coarse.rounds,
             "converged": coarse.converged,
         },
-        "refined": refined
+        "aligned": aligned
         and {
-            "cam_from_world": _pose(refined.cam_from_world),
-            "residual": _number(refined.residual),
-            "agreement": _number(refined.agreement),
-            "overlap": _number(refined.overlap),
-            "gain": _number(refined.gain),
-            "bias": _number(refined.bias),
-            "pixels": refined.pixels,
-            "anchors": refined.anchors,
-            "converged": refined.converged,
+            "cam_from_world": _pose(aligned.cam_from_world),
+            "residual": _number(aligned.residual),
+            "agreement": _number(aligned.agreement),
+            "overlap": _number(aligned.overlap),
+            "gain": _number(aligned.gain),
+            "bias": _number(aligned.bias),
+            "pixels": aligned.pixels,
+            "anchors": aligned.anchors,
+            "converged": aligned.converged,
         },
         "covariance": None if result.covariance is None else result.covariance.tolist(),
         "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
@@ -74,7 +74,7 @@ def failed_details(query: Query, reason: str) -> Detail:
         "reference": None,
         "hypotheses": 0,
         "coarse": None,
-        "refined": None,
+        "aligned": None,
         "covariance": None,
         "seconds": {},
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gscpe.errors import MapError, ModelError
-from gscpe.localizer_settings import LocalizerSettings
+from gscpe.localization import LocalizerSettings
 
 _ONNX = "onnx:"
 

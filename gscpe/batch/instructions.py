@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gscpe.batch.fingerprint import Fingerprint, map_fingerprint, settings_fingerprint
-from gscpe.localizer_settings import LocalizerSettings
+from gscpe.localization import LocalizerSettings
 from gscpe.matching import matcher_name
 
 _ONNX = "onnx:"

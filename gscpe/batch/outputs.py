@@ -33,7 +33,7 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
     Args:
         details: of :func:`gscpe.batch.localize_list`; the file has their order.
         path: of the pose file.
-        stage: ``"final"``; or that of one stage alone, ``"coarse"`` or ``"refined"``.
+        stage: ``"final"``; or that of one stage alone, ``"coarse"`` or ``"aligned"``.
 
     Raises:
         OutputError: the file cannot be written.

@@ -20,7 +20,7 @@ from gscpe.batch.details import Detail, read_details
 from gscpe.batch.serial_crew import SerialCrew
 from gscpe.batch.worker import Worker
 from gscpe.errors import OutputError
-from gscpe.localizer import Localizer
+from gscpe.localization import Localizer
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from gscpe.batch.instructions import Instructions
 from gscpe.batch.threads import limited_threads
 from gscpe.closing import Closing
 from gscpe.errors import InputError, MapError
-from gscpe.localizer import Localizer
+from gscpe.localization import Localizer
 from gscpe.scene import open_map, read_image
 from gscpe.scene.query_list import Query
 
@@ -36,7 +36,7 @@ class Worker(Closing):
             MapError: the map is missing, damaged, has no references, or has changed since the
                 instructions were given.
             RenderError, ModelError, SettingsError, MissingDependencyError: as
-                :class:`gscpe.localizer.Localizer`.
+                :class:`gscpe.localization.localizer.Localizer`.
         """
         folder, threads = instructions.map_folder, instructions.threads
         if map_fingerprint(folder) != instructions.fingerprint.map:

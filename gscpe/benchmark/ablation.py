@@ -41,7 +41,7 @@ def run_ablation(
 ) -> tuple[AblationRow, ...]:
     """Median errors of the refinement, whole and with parts left out, by the first ground truth.
 
-    They are those of the image alignment itself (``refined``), since the final pose is its mean
+    They are those of the image alignment itself (``aligned``), since the final pose is its mean
     with the coarse pose, which hides what is left out.
 
     Args:
@@ -59,5 +59,5 @@ def run_ablation(
 
 
 def _row(name: str, run: SceneRun) -> AblationRow:
-    found = run.evaluate("refined")
+    found = run.evaluate("aligned")
     return AblationRow(name, 100.0 * found.median_distance, found.median_degrees)

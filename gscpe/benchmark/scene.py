@@ -22,8 +22,7 @@ from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.cores import available_cores
 from gscpe.datasets import Dataset
 from gscpe.evaluation import SceneRun
-from gscpe.localizer import Localizer
-from gscpe.localizer_settings import LocalizerSettings
+from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.matching import make_matcher, matcher_name
 from gscpe.report import write_report
 from gscpe.scene import open_map

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gscpe.errors import SettingsError
-from gscpe.localizer_settings import LocalizerSettings
+from gscpe.localization import LocalizerSettings
 from gscpe.report import ReportSettings
 
 

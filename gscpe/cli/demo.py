@@ -34,9 +34,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _as_json(report: DemoReport) -> dict[str, Any]:
-    coarse, refined = report.result.coarse, report.result.refined
-    assert coarse is not None and refined is not None
-    assert coarse.cam_from_world is not None and refined.cam_from_world is not None
+    coarse, aligned = report.result.coarse, report.result.aligned
+    assert coarse is not None and aligned is not None
+    assert coarse.cam_from_world is not None and aligned.cam_from_world is not None
 
     def stage(cam_from_world: Any, error: PoseDifference) -> dict[str, Any]:
         return {
@@ -51,8 +51,8 @@ def _as_json(report: DemoReport) -> dict[str, Any]:
         "true_cam_from_world": format_pose(report.true_cam_from_world),
         "coarse": stage(coarse.cam_from_world, report.coarse_error)
         | {"matches": coarse.matches, "inliers": coarse.inliers},
-        "refined": stage(report.result.cam_from_world, report.refined_error)
-        | {"agreement": refined.agreement, "residual": refined.residual},
+        "final": stage(report.result.cam_from_world, report.final_error)
+        | {"agreement": aligned.agreement, "residual": aligned.residual},
         "seconds": report.seconds,
         "pictures": {name: str(path) for name, path in report.pictures.items()},
     }
@@ -65,12 +65,12 @@ def _print_text(report: DemoReport) -> None:
     print(f"Renderer: {report.renderer}")
     print()
     print("pose     qw qx qy qz tx ty tz (world to camera)")
-    for name in ("coarse", "refined"):
+    for name in ("coarse", "final"):
         print(f"{name:<8} {_short(data[name]['cam_from_world'])}")
     print(f"{'true':<8} {_short(data['true_cam_from_world'])}")
     print()
     print("error      position   rotation")
-    for name in ("coarse", "refined"):
+    for name in ("coarse", "final"):
         stage = data[name]
         print(f"{name:<8} {stage['error_mm']:8.3f} mm {stage['error_degrees']:9.5f} deg")
     print()

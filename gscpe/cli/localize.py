@@ -25,9 +25,7 @@ from gscpe.cli.common import (
 )
 from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
-from gscpe.localizer import Localizer
-from gscpe.localizer_settings import LocalizerSettings
-from gscpe.pose_prior import PosePrior
+from gscpe.localization import Localizer, LocalizerSettings, PosePrior
 from gscpe.scene import camera_from_exif, open_map, read_image
 from gscpe.scene.pose_file import parse_pose
 from gscpe.scene.query_list import Query, read_query_list

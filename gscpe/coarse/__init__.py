@@ -2,10 +2,16 @@
 
 from gscpe.coarse.focal import FocalEstimate, FocalSettings, estimate_focal_length
 from gscpe.coarse.lift import lift
-from gscpe.coarse.loop import CoarseResult, CoarseSettings, estimate_coarse_pose
+from gscpe.coarse.loop import (
+    CoarseObserver,
+    CoarseResult,
+    CoarseSettings,
+    estimate_coarse_pose,
+)
 from gscpe.coarse.pnp import PnPSettings
 
 __all__ = [
+    "CoarseObserver",
     "CoarseResult",
     "CoarseSettings",
     "FocalEstimate",

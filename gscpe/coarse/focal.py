@@ -25,6 +25,9 @@ class FocalSettings:
     Attributes:
         widest, narrowest: bounds, as multiples of the guess.
         steps: focal lengths tried between them, evenly in the logarithm.
+        around: bounds of the second round, as a multiple of what the first one found.
+        ordinary: focal length of an ordinary lens, in widths of the longer side: the guess where
+            there is no other.
         min_inliers: matches that must agree with the best.
         max_relative_sigma: largest standard deviation over focal length that is an answer: a
             flat wall looks alike from far with a long lens, and from near with a short one.
@@ -33,6 +36,8 @@ class FocalSettings:
     widest: float = 0.5
     narrowest: float = 2.0
     steps: int = 13
+    around: float = 1.15
+    ordinary: float = 0.9
     min_inliers: int = 30
     max_relative_sigma: float = 0.03
 

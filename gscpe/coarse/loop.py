@@ -14,8 +14,8 @@ from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
-from gscpe.matching import Matcher
-from gscpe.render import Renderer
+from gscpe.matching import Matcher, Matches
+from gscpe.render import RenderedView, Renders
 from gscpe.scene import to_uint8
 
 _log = logging.getLogger(__name__)
@@ -72,14 +72,25 @@ class CoarseResult:
     converged: bool
 
 
+class CoarseObserver:
+    """Is told what :func:`estimate_coarse_pose` does, as it does it. Override what you need; what
+    is passed must not be changed."""
+
+    def round_done(
+        self, view: RenderedView, matches: Matches, estimate: AbsolutePose | None
+    ) -> None:
+        """A render, its matches with the photo, and the pose that came of them."""
+
+
 def estimate_coarse_pose(
-    renderer: Renderer,
+    renderer: Renders,
     matcher: Matcher,
     prepared_photo: Any,
     camera: Camera,
     start_cam_from_world: Float64Array,
     settings: CoarseSettings,
     metres_per_unit: float | None,
+    observer: CoarseObserver | None = None,
 ) -> CoarseResult:
     """Renders the map at the current pose, matches, lifts, solves, and repeats.
 
@@ -92,6 +103,7 @@ def estimate_coarse_pose(
         settings: see :class:`CoarseSettings`.
         metres_per_unit: of the map; None where unknown: then the translation tolerance,
             made for rooms, is scaled to the rendered depth.
+        observer: is told of each round.
     """
     current = start_cam_from_world
     best: AbsolutePose | None = None
@@ -107,6 +119,8 @@ def estimate_coarse_pose(
         estimate = estimate_absolute_pose(
             points_world[liftable], pixels, camera, current, settings.pnp
         )
+        if observer is not None:
+            observer.round_done(view, matches, estimate)
         if estimate is None:
             _log.debug("round %d: no pose from %d matches", rounds, len(pixels))
             break

@@ -1,7 +1,6 @@
 """How exact a benchmark's poses are: median errors by scene, and shares within limits.
 
-"refined" is the final pose throughout, as :meth:`SceneRun.poses` of the stage ``final`` has
-it. The paper's numbers stand beside ours only where data set, ground truth and split are
+The paper's numbers stand beside ours only where data set, ground truth and split are
 the paper's; a run says so with ``setup["split"] == "official"``.
 """
 
@@ -16,8 +15,8 @@ from gscpe.evaluation.metrics import THRESHOLDS, Evaluation
 from gscpe.evaluation.scene_run import SceneRun, Stage
 from gscpe.evaluation.table import NOTHING, Table
 
-STAGES: tuple[tuple[Stage, str], ...] = (("coarse", "coarse"), ("final", "refined"))
-REFINED = "refined: the final pose, the mean of the coarse and the aligned pose by covariance"
+STAGES: tuple[Stage, ...] = ("coarse", "final")
+FINAL = "final: the mean of the coarse and the aligned pose by covariance"
 MEDIANS = "medians are over the queries that have a pose; see the shares for all of them"
 _AVERAGE = "average: mean of the scenes' medians"
 _NO_UNIT = "u: map units, where a scene's unit in metres is not known"
@@ -30,10 +29,10 @@ def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
     final = [run.evaluate("final", truth) for run in runs]
     queries, localized = sum(r.queries for r in final), sum(r.localized for r in final)
     lost = f"{queries - localized} of {queries}"
-    for stage, label in STAGES:
+    for stage in STAGES:
         results = [run.evaluate(stage, truth) for run in runs]
         cells = [_cell(run, result) for run, result in zip(runs, results, strict=True)]
-        record: dict[str, Any] = {"stage": label, "published": False, "scenes": {}}
+        record: dict[str, Any] = {"stage": stage, "published": False, "scenes": {}}
         for run, result in zip(runs, results, strict=True):
             record["scenes"][run.scene] = {
                 **_errors(run, result),
@@ -48,9 +47,9 @@ def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
                 "median_rotation_degrees": degrees,
             }
         cells.append(lost)
-        rows.append((label, *cells))
+        rows.append((stage, *cells))
         records.append(record)
-    notes = [REFINED, MEDIANS, *_without_coarse(truth, runs)]
+    notes = [FINAL, MEDIANS, *_without_coarse(truth, runs)]
     if len(runs) > 1:
         notes.append(_AVERAGE)
     if any(run.metres_per_unit is None for run in runs):
@@ -83,24 +82,24 @@ def shares_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
         ]
         records.append({"scene": scene, "stage": stage, "within": within})
 
-    every: dict[str, list[Sequence[float]]] = {label: [] for _, label in STAGES}
+    every: dict[str, list[Sequence[float]]] = {stage: [] for stage in STAGES}
     for run in runs:
-        for stage, label in STAGES:
+        for stage in STAGES:
             result = run.evaluate(stage, truth)
             said = run.metres_per_unit is not None
             if stage == "coarse" and _tracked(run, truth):
                 said = False
-            every[label].append(result.shares if said else (np.nan,) * len(THRESHOLDS))
-            add(run.scene, label, every[label][-1])
+            every[stage].append(result.shares if said else (np.nan,) * len(THRESHOLDS))
+            add(run.scene, stage, every[stage][-1])
     if len(runs) > 1:
-        for label, shares in every.items():
-            add("average", label, np.mean(shares, axis=0).tolist())
+        for each, shares in every.items():
+            add("average", each, np.mean(shares, axis=0).tolist())
     return Table(
         f"{dataset}, ground truth {truth}: queries within",
         ("", *limits),
         tuple(rows),
         (
-            REFINED,
+            FINAL,
             "a query without a pose counts as beyond every limit",
             *_without_coarse(truth, runs),
         ),
@@ -117,7 +116,7 @@ def _published_rows(scenes: Sequence[str]) -> Iterator[tuple[tuple[str, ...], di
     columns: list[str | None] = [*scenes]
     if len(scenes) > 1:
         columns.append(None)
-    for stage, label in STAGES:
+    for stage in STAGES:
         errors = [
             None
             if scene is None and set(scenes) != set(published.SCENES)
@@ -131,12 +130,12 @@ def _published_rows(scenes: Sequence[str]) -> Iterator[tuple[tuple[str, ...], di
             for scene, e in zip(columns, errors, strict=True)
             if e is not None
         }
-        record: dict[str, Any] = {"stage": label, "published": True}
+        record: dict[str, Any] = {"stage": stage, "published": True}
         record["scenes"] = {scene: value for scene, value in values.items() if scene is not None}
         if None in values:
             record["average"] = values[None]
         cells = [NOTHING if e is None else _pair(e.centimetres, e.degrees, 2) for e in errors]
-        yield (f"{published.METHOD}, {label} (published)", *cells, NOTHING), record
+        yield (f"{published.METHOD}, {stage} (published)", *cells, NOTHING), record
 
 
 def _tracked(run: SceneRun, truth: str) -> int:

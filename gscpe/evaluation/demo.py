@@ -14,8 +14,7 @@ from gscpe.errors import GscpeError, OutputError
 from gscpe.evaluation.motorcycle import Motorcycle, load_motorcycle
 from gscpe.evaluation.pictures import difference_picture, montage
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
-from gscpe.localization_result import LocalizationResult
-from gscpe.localizer import Localizer
+from gscpe.localization import LocalizationResult, Localizer
 from gscpe.mapping import RgbdMapSettings, map_from_rgbd
 from gscpe.matching import make_matcher
 from gscpe.render import choose_backend
@@ -31,7 +30,7 @@ class DemoReport:
         gaussians: in the map that was built.
         true_cam_from_world: (4, 4).
         result: of localizing the right photo.
-        coarse_error, refined_error: metres and degrees from the true pose.
+        coarse_error, final_error: metres and degrees from the true pose.
         seconds: wall time by stage, building the map included.
         pictures: what was written, by name.
     """
@@ -41,7 +40,7 @@ class DemoReport:
     true_cam_from_world: Float64Array
     result: LocalizationResult
     coarse_error: PoseDifference
-    refined_error: PoseDifference
+    final_error: PoseDifference
     seconds: dict[str, float]
     pictures: dict[str, Path]
 
@@ -84,8 +83,8 @@ def run_demo(
         bar.set_description_str("localizing the right photo")
         with Localizer(map_, matcher=chosen, backend=backend) as localizer:
             result = localizer.localize(pair.right, pair.right_camera)
-            coarse, refined = result.coarse, result.refined
-            if not result.localized or coarse is None or refined is None:
+            coarse, aligned = result.coarse, result.aligned
+            if not result.localized or coarse is None or aligned is None:
                 raise GscpeError(f"the demo photo was not localized: {result.reason}")
             assert coarse.cam_from_world is not None and result.cam_from_world is not None
             bar.update()
@@ -101,7 +100,7 @@ def run_demo(
         true_cam_from_world=truth,
         result=result,
         coarse_error=pose_difference(coarse.cam_from_world, truth),
-        refined_error=pose_difference(result.cam_from_world, truth),
+        final_error=pose_difference(result.cam_from_world, truth),
         seconds=seconds | result.seconds,
         pictures=pictures,
     )
@@ -110,28 +109,28 @@ def run_demo(
 def _write_pictures(
     localizer: Localizer, pair: Motorcycle, result: LocalizationResult, folder: Path
 ) -> dict[str, Path]:
-    assert result.coarse is not None and result.refined is not None
+    assert result.coarse is not None and result.aligned is not None
     pictures = {"photo": pair.right}
-    poses = {"coarse": result.coarse.cam_from_world, "refined": result.cam_from_world}
+    poses = {"coarse": result.coarse.cam_from_world, "final": result.cam_from_world}
     for stage, cam_from_world in poses.items():
         assert cam_from_world is not None
         view = localizer.render(pair.right_camera, cam_from_world)
         pictures[f"render at the {stage} pose"] = to_uint8(view.rgb)
         pictures[f"difference at the {stage} pose (x4)"] = difference_picture(
-            pair.right, view, result.refined.gain, result.refined.bias
+            pair.right, view, result.aligned.gain, result.aligned.bias
         )
     names = list(pictures)
-    photo, _, coarse_difference, refined, refined_difference = names
+    photo, _, coarse_difference, final, final_difference = names
     pictures["overview"] = montage(
         [
-            [(photo, pictures[photo]), (refined, pictures[refined])],
+            [(photo, pictures[photo]), (final, pictures[final])],
             [
                 (coarse_difference, pictures[coarse_difference]),
-                (refined_difference, pictures[refined_difference]),
+                (final_difference, pictures[final_difference]),
             ],
         ]
     )
-    files = ("photo", "render_coarse", "difference_coarse", "render_refined", "difference_refined")
+    files = ("photo", "render_coarse", "difference_coarse", "render_final", "difference_final")
     paths = {}
     for file, (name, picture) in zip((*files, "overview"), pictures.items(), strict=True):
         paths[name] = (folder / f"{file}.png").resolve()

@@ -9,7 +9,7 @@ from gscpe.arrays import Float64Array
 from gscpe.evaluation.metrics import Evaluation, evaluate
 from gscpe.scene.pose_file import parse_pose
 
-Stage = Literal["coarse", "refined", "final"]
+Stage = Literal["coarse", "aligned", "final"]
 
 
 @dataclass(frozen=True, eq=False)

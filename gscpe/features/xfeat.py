@@ -32,12 +32,12 @@ class XFeatFeatures:
     """Keypoints and descriptors of one image, best first.
 
     Attributes:
-        keypoints: (N, 2) float64, centres of pixels; the top-left one's is (0.5, 0.5).
+        pixels: (N, 2) float64, centres of pixels; the top-left one's is (0.5, 0.5).
         scores: (N,) float32 in (0, 1], the probability of a keypoint times its reliability.
         descriptors: (N, 64) float32, of unit length.
     """
 
-    keypoints: Float64Array
+    pixels: Float64Array
     scores: Float32Array
     descriptors: Float32Array
 
@@ -61,7 +61,7 @@ class XFeat:
     def detect(
         self,
         image: NDArray[Any],
-        max_keypoints: int = 4096,
+        max_features: int = 4096,
         *,
         threshold: float = 0.05,
         valid: BoolArray | None = None,
@@ -70,7 +70,7 @@ class XFeat:
 
         Args:
             image: (H, W) grey or (H, W, 3) RGB, uint8 or float32 in [0, 1].
-            max_keypoints: at most this many, the best.
+            max_features: at most this many, the best.
             threshold: the least probability of a keypoint.
             valid: (H, W), where there may be keypoints; None: everywhere.
 
@@ -79,10 +79,10 @@ class XFeat:
             SettingsError: a setting is out of its range.
             ModelError: the network cannot be run.
         """
-        if max_keypoints < 1 or not 0 <= threshold < 1:
+        if max_features < 1 or not 0 <= threshold < 1:
             raise SettingsError(
-                "max_keypoints must be positive and threshold in [0, 1), "
-                f"not {max_keypoints} and {threshold}"
+                "max_features must be positive and threshold in [0, 1), "
+                f"not {max_features} and {threshold}"
             )
         grey = _grey(image)
         if valid is not None and valid.shape != grey.shape:
@@ -92,10 +92,10 @@ class XFeat:
         columns, rows = _peaks(probability, grey.shape, threshold, valid)
         x, y = _on_map(columns, padded.shape[1]), _on_map(rows, padded.shape[0])
         scores = probability[rows, columns] * _sample_bilinear(reliability, x, y)
-        best = np.argsort(-scores, kind="stable")[:max_keypoints]
+        best = np.argsort(-scores, kind="stable")[:max_features]
         best = best[scores[best] > 0]
         return XFeatFeatures(
-            keypoints=np.stack([columns[best], rows[best]], axis=1).astype(np.float64) + 0.5,
+            pixels=np.stack([columns[best], rows[best]], axis=1).astype(np.float64) + 0.5,
             scores=scores[best],
             descriptors=_sample_bicubic(descriptors, x[best], y[best]),
         )

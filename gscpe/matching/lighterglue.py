@@ -43,14 +43,14 @@ class LighterGlue:
         size_b: tuple[int, int],
         *,
         min_score: float = 0.1,
-        max_keypoints: int = 1024,
+        max_features: int = 1024,
     ) -> tuple[IntArray, Float32Array]:
         """Matches of two images' features.
 
         Args:
             size_a, size_b: width and height of the images in pixels.
             min_score: the least probability of a match.
-            max_keypoints: only so many of either image, the best; time grows with the square.
+            max_features: only so many of either image, the best; time grows with the square.
 
         Returns:
             (M, 2) indices into either features, and (M,) float32 probabilities.
@@ -59,14 +59,14 @@ class LighterGlue:
             SettingsError: a setting is out of its range.
             ModelError: the network cannot be run.
         """
-        if not 0 <= min_score < 1 or max_keypoints < 1 or min(*size_a, *size_b) < 1:
+        if not 0 <= min_score < 1 or max_features < 1 or min(*size_a, *size_b) < 1:
             raise SettingsError(
-                "min_score must be in [0, 1), max_keypoints and image sizes positive, "
-                f"not {min_score}, {max_keypoints}, {size_a} and {size_b}"
+                "min_score must be in [0, 1), max_features and image sizes positive, "
+                f"not {min_score}, {max_features}, {size_a} and {size_b}"
             )
         if len(features_a) == 0 or len(features_b) == 0:
             return np.zeros((0, 2), dtype=np.intp), np.zeros(0, dtype=np.float32)
-        best_a, best_b = _best(features_a, max_keypoints), _best(features_b, max_keypoints)
+        best_a, best_b = _best(features_a, max_features), _best(features_b, max_features)
         (log_scores,) = self._network.run(
             {
                 "keypoints_a": _normalized(features_a, best_a, size_a),
@@ -92,6 +92,6 @@ def _normalized(features: XFeatFeatures, chosen: IntArray, size: tuple[int, int]
     """From the middle of the image in units of half its longer side; half a pixel up and left,
     for the network was trained on pixels counted from the first one's centre."""
     width, height = size
-    pixels = features.keypoints[chosen] - 0.5
+    pixels = features.pixels[chosen] - 0.5
     middle = np.array([width / 2, height / 2])
     return np.asarray((pixels - middle) / (max(width, height) / 2), dtype=np.float32)

@@ -10,7 +10,7 @@ from gscpe.features.xfeat import XFeat
 from gscpe.matching.lighterglue import LighterGlue
 from gscpe.matching.polish import PolishSettings, polish
 from gscpe.matching.protocol import Matches
-from gscpe.matching.xfeat_matcher import PreparedImage, prepare_image
+from gscpe.matching.xfeat_matcher import XFeatImage, prepare_image
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ class LighterGlueMatcher:
         self._features = features or XFeat()
         self._network = network or LighterGlue()
 
-    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> PreparedImage:
+    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> XFeatImage:
         settings = self._settings
         return prepare_image(self._features, rgb, valid, settings.max_features, settings.polish)
 
-    def match(self, photo: PreparedImage, render: PreparedImage) -> Matches:
+    def match(self, photo: XFeatImage, render: XFeatImage) -> Matches:
         settings = self._settings
         pairs, scores = self._network.match(
             photo.features,
@@ -66,10 +66,10 @@ class LighterGlueMatcher:
             render.features,
             render.size,
             min_score=settings.min_score,
-            max_keypoints=settings.max_features,
+            max_features=settings.max_features,
         )
-        photo_pixels = photo.features.keypoints[pairs[:, 0]]
-        render_pixels = render.features.keypoints[pairs[:, 1]]
+        photo_pixels = photo.features.pixels[pairs[:, 0]]
+        render_pixels = render.features.pixels[pairs[:, 1]]
         render_pixels = polish(
             photo.normalized, render.normalized, photo_pixels, render_pixels, settings.polish
         )

@@ -34,7 +34,7 @@ class SiftMatcherSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedImage:
+class SiftImage:
     """Features of an image, and what polishing needs of it, (H, W) uint8 or None."""
 
     features: LocalFeatures
@@ -47,13 +47,13 @@ class SiftMatcher:
     def __init__(self, settings: SiftMatcherSettings | None = None) -> None:
         self._settings = settings or SiftMatcherSettings()
 
-    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> PreparedImage:
-        return PreparedImage(
+    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> SiftImage:
+        return SiftImage(
             extract_sift(rgb, self._settings.sift, valid),
             for_polishing(rgb, self._settings.polish),
         )
 
-    def match(self, photo: PreparedImage, render: PreparedImage) -> Matches:
+    def match(self, photo: SiftImage, render: SiftImage) -> Matches:
         if len(photo.features) < 2 or len(render.features) < 2:
             return no_matches()
         similarity = photo.features.descriptors @ render.features.descriptors.T

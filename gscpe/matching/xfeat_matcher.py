@@ -32,7 +32,7 @@ class XFeatMatcherSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedImage:
+class XFeatImage:
     """What is kept of an image between preparing and matching.
 
     Attributes:
@@ -61,19 +61,19 @@ class XFeatMatcher:
         self._settings = settings or XFeatMatcherSettings()
         self._network = network or XFeat()
 
-    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> PreparedImage:
+    def prepare(self, rgb: UInt8Array, valid: BoolArray | None) -> XFeatImage:
         settings = self._settings
         return prepare_image(self._network, rgb, valid, settings.max_features, settings.polish)
 
-    def match(self, photo: PreparedImage, render: PreparedImage) -> Matches:
+    def match(self, photo: XFeatImage, render: XFeatImage) -> Matches:
         if not len(photo.features) or not len(render.features):
             return no_matches()
         cosine = photo.features.descriptors @ render.features.descriptors.T
         rows, columns = mutual_nearest(cosine)
         scores = cosine[rows, columns]
         kept = scores > self._settings.min_cosine
-        photo_pixels = photo.features.keypoints[rows[kept]]
-        render_pixels = render.features.keypoints[columns[kept]]
+        photo_pixels = photo.features.pixels[rows[kept]]
+        render_pixels = render.features.pixels[columns[kept]]
         render_pixels = polish(
             photo.normalized, render.normalized, photo_pixels, render_pixels, self._settings.polish
         )
@@ -86,10 +86,10 @@ def prepare_image(
     valid: BoolArray | None,
     max_features: int,
     settings: PolishSettings | None,
-) -> PreparedImage:
+) -> XFeatImage:
     """Features of an (H, W, 3) uint8 RGB image where ``valid``, (H, W), holds, and what
     polishing needs of it."""
-    return PreparedImage(
+    return XFeatImage(
         features=network.detect(rgb, max_features, valid=valid),
         size=(rgb.shape[1], rgb.shape[0]),
         normalized=for_polishing(rgb, settings),

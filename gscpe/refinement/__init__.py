@@ -1,13 +1,19 @@
 """Algorithm 2 of the paper, with Lucas-Kanade in place of Adam."""
 
+from gscpe.refinement.exposure import ClippingSettings
 from gscpe.refinement.loop import RefinementResult, RefinementSettings, refine_pose
 from gscpe.refinement.lucas_kanade import LucasKanadeSettings
+from gscpe.refinement.observer import RefinementObserver
+from gscpe.refinement.uncertainty import UncertaintySettings
 from gscpe.refinement.visibility import VisibilitySettings
 
 __all__ = [
+    "ClippingSettings",
     "LucasKanadeSettings",
+    "RefinementObserver",
     "RefinementResult",
     "RefinementSettings",
+    "UncertaintySettings",
     "VisibilitySettings",
     "refine_pose",
 ]

@@ -7,13 +7,14 @@ clipping included, before the two are compared.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
+from gscpe.errors import SettingsError
 
-_CLIPPED = 254
-_MANY = 0.02
 _BLOCK = 8
 """Pixels whose means are compared: the poses are not exact yet."""
 _SOFT = 0.03
@@ -21,15 +22,32 @@ _SOFT = 0.03
 _STEPS = 15
 
 
-def is_clipped(photo: UInt8Array) -> bool:
-    """Whether more than 2% of the pixels, (H, W, 3), are as bright as can be in a channel."""
+@dataclass(frozen=True)
+class ClippingSettings:
+    """When a photo counts as clipped.
+
+    Attributes:
+        value: channels at least this bright, of 255, are clipped (JPEG moves 255 a little).
+        min_share: a photo is, when more than this share of its pixels are.
+    """
+
+    value: int = 254
+    min_share: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.value <= 255 or not 0 <= self.min_share <= 1:
+            raise SettingsError("clipping needs a value in [1, 255] and min_share in [0, 1]")
+
+
+def is_clipped(photo: UInt8Array, settings: ClippingSettings) -> bool:
+    """Whether many of the pixels, (H, W, 3) uint8, are as bright as can be in a channel."""
     red, green, blue = np.moveaxis(photo[::2, ::2], 2, 0)
     brightest = np.maximum(np.maximum(red, green), blue)
-    return bool(np.count_nonzero(brightest >= _CLIPPED) > _MANY * brightest.size)
+    return bool(np.count_nonzero(brightest >= settings.value) > settings.min_share * brightest.size)
 
 
 def fit_exposure(
-    render: Float32Array, photo: UInt8Array, shown: BoolArray
+    render: Float32Array, photo: UInt8Array, shown: BoolArray, settings: ClippingSettings
 ) -> tuple[float, float] | None:
     """Gain and bias of ``photo = min(gain * render + bias, 1)``; None when little is shown.
 
@@ -37,11 +55,12 @@ def fit_exposure(
         render: (H, W, 3), in [0, 1].
         photo: (H, W, 3) uint8, from about the same pose.
         shown: (H, W), where the render shows the map.
+        settings: what counts as clipped.
     """
     height, width = (max(1, side // _BLOCK) for side in shown.shape)
     rendered, seen, clipped, whole = (
         cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-        for image in (render, photo / np.float32(255.0), photo >= _CLIPPED, shown)
+        for image in (render, photo / np.float32(255.0), photo >= settings.value, shown)
     )
     # The mean of a block that is clipped in part follows neither line.
     usable = (whole[..., None] > 0.9) & ((clipped < 0.02) | (clipped > 0.98))

@@ -11,7 +11,7 @@ from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
-from gscpe.refinement.exposure import expose, fit_exposure, is_clipped
+from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
 from gscpe.refinement.lucas_kanade import (
     Alignment,
     LucasKanadeSettings,
@@ -19,6 +19,7 @@ from gscpe.refinement.lucas_kanade import (
     align,
     build_template,
 )
+from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import (
     AnchorLevel,
     ImageLevel,
@@ -28,16 +29,10 @@ from gscpe.refinement.pyramid import (
 from gscpe.refinement.turned_starts import align_from_turned_starts
 from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
-from gscpe.render import Renderer
+from gscpe.render import Renders
 from gscpe.scene import Photo, luminance
 
 _log = logging.getLogger(__name__)
-
-_TURNED_LEVEL = 4
-"""Halvings from which turned starts are tried."""
-
-_SMALLEST_LEVEL = 16
-"""Pixels of the shorter side below which an image is not halved."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +41,15 @@ class RefinementSettings:
 
     Attributes:
         levels: S, times the image is halved (fewer where it would become tiny).
-        turned_degrees: where images are halved four times or more, the smallest is aligned from
-            cameras turned by so many degrees, too; 0: not.
+        smallest_side: pixels of the shorter side below which an image is not halved.
+        lenient_level: halvings from which half of the pixels that a pixel is made of must be
+            valid, not all: else little were left of a cluttered scene.
+        turned_degrees: where images are halved ``turned_level`` times or more, the smallest is
+            aligned from cameras turned by so many degrees, too; 0: not.
+        turned_level: see above.
+        clipping: of overexposed photos.
         max_anchors: renders that serve as templates, at most.
-        min_anchors: ... at least; the later ones see the scene from the refined pose.
+        min_anchors: ... at least; the later ones see the scene from the aligned pose.
         rerender_pixels: the scene is rendered anew when the image has moved more than this
             since the anchor, root mean square: what the anchor shows of it, and how its
             splats overlap, depends on that.
@@ -64,7 +64,11 @@ class RefinementSettings:
     """
 
     levels: int = 2
+    smallest_side: int = 16
+    lenient_level: int = 3
     turned_degrees: float = 5.0
+    turned_level: int = 4
+    clipping: ClippingSettings = field(default_factory=ClippingSettings)
     max_anchors: int = 5
     min_anchors: int = 1
     rerender_pixels: float = 1.0
@@ -76,13 +80,20 @@ class RefinementSettings:
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
 
     def __post_init__(self) -> None:
-        if self.levels < 0 or not 1 <= self.min_anchors <= self.max_anchors:
-            raise SettingsError("refinement needs levels >= 0 and 1 <= min_anchors <= max_anchors")
+        if (
+            self.levels < 0
+            or self.smallest_side < 1
+            or not 1 <= self.min_anchors <= self.max_anchors
+        ):
+            raise SettingsError(
+                "refinement needs levels >= 0, smallest_side >= 1 "
+                "and 1 <= min_anchors <= max_anchors"
+            )
 
 
 @dataclass(frozen=True, eq=False)
 class RefinementResult:
-    """The refined pose and how well it explains the photo.
+    """The aligned pose and how well it explains the photo.
 
     Attributes:
         cam_from_world: (4, 4); None when the alignment failed.
@@ -117,11 +128,12 @@ class RefinementResult:
 
 
 def refine_pose(
-    renderer: Renderer,
+    renderer: Renders,
     photo: Photo,
     start_cam_from_world: Float64Array,
     settings: RefinementSettings,
     metres_per_unit: float | None,
+    observer: RefinementObserver | None = None,
 ) -> RefinementResult:
     """Aligns renders of the map to the photo, from a pose near the true one.
 
@@ -132,9 +144,12 @@ def refine_pose(
         settings: see :class:`RefinementSettings`.
         metres_per_unit: of the map; None where unknown: then lengths in metres, made for
             rooms, are scaled to the rendered depth.
+        observer: is told of each anchor and each iteration.
     """
+    observer = observer or RefinementObserver()
     smallest_side = min(photo.camera.width, photo.camera.height)
-    most_levels = min(settings.levels, max(0, (smallest_side // _SMALLEST_LEVEL).bit_length() - 1))
+    halvings = (smallest_side // settings.smallest_side).bit_length() - 1
+    most_levels = min(settings.levels, max(0, halvings))
     photo_levels = photo_pyramid(
         luminance(photo.rgb),
         _all_valid(photo) if photo.valid is None else photo.valid,
@@ -143,28 +158,33 @@ def refine_pose(
     )
     cam_from_world = start_cam_from_world
     last_light = 1.0, 0.0
-    clipped = is_clipped(photo.rgb)
+    clipped = is_clipped(photo.rgb, settings.clipping)
     alignment: Alignment | None = None
     anchors = 0
     while anchors < settings.max_anchors:
         view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
+        observer.anchor_rendered(view)
         unit = view.metres_per_unit(metres_per_unit)
         tolerance_unit = view.tolerance_unit(metres_per_unit)
         mask = visibility_mask(renderer, view, settings.visibility, tolerance_unit)
+        observer.mask_made(mask)
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
         near = alignment is not None and alignment.motion_pixels <= settings.far_pixels
         levels = min(1, most_levels) if near else most_levels
-        light = fit_exposure(view.rgb, photo.rgb, mask) if clipped else None
+        light = fit_exposure(view.rgb, photo.rgb, mask, settings.clipping) if clipped else None
         if light is None:
             image, (gain, bias) = luminance(view.rgb), last_light
         else:
             image, gain, bias = luminance(expose(view.rgb, *light)), 1.0, 0.0
-        pyramid = anchor_pyramid(image, view.depth, mask, view.camera, levels)
-        found = _align_levels(pyramid, photo_levels, gain, bias, settings)
+        pyramid = anchor_pyramid(
+            image, view.depth, mask, view.camera, levels, settings.lenient_level
+        )
+        found = _align_levels(pyramid, photo_levels, gain, bias, settings, observer)
         if isinstance(found, str):
             return _failed(found, anchors)
         alignment, template = found
+        observer.anchor_aligned(alignment)
         last_light = _of_the_render(alignment, light)
         cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
@@ -216,6 +236,7 @@ def _align_levels(
     gain: float,
     bias: float,
     settings: RefinementSettings,
+    observer: RefinementObserver,
 ) -> tuple[Alignment, Template] | str:
     """Aligns one anchor, small images first; a string says why it failed.
 
@@ -231,11 +252,13 @@ def _align_levels(
             if level > 0:
                 continue  # a small image may lose all its pixels to the mask
             return "too little of the map is visible around the pose that it starts from"
-        if alignment is None and level >= _TURNED_LEVEL and settings.turned_degrees > 0:
+        if alignment is None and level >= settings.turned_level and settings.turned_degrees > 0:
             degrees = settings.turned_degrees
-            found = align_from_turned_starts(template, anchor, photo, gain, bias, degrees, solver)
+            found = align_from_turned_starts(
+                template, anchor, photo, gain, bias, degrees, solver, observer
+            )
         else:
-            found = align(template, photo, photo_from_anchor, gain, bias, solver)
+            found = align(template, photo, photo_from_anchor, gain, bias, solver, observer)
         if found is None:
             if level > 0:
                 continue  # it ran away; a larger image may hold it

@@ -22,6 +22,7 @@ from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import unproject_image
+from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
@@ -163,6 +164,7 @@ def align(
     gain: float,
     bias: float,
     settings: LucasKanadeSettings,
+    observer: RefinementObserver | None = None,
 ) -> Alignment | None:
     """Aligns a template to the photo, or None when they hardly overlap.
 
@@ -172,6 +174,7 @@ def align(
         photo_from_anchor: (4, 4) start.
         gain, bias: start.
         settings: see :class:`LucasKanadeSettings`.
+        observer: is told of each iteration.
     """
     n, unknowns = len(template.intensities), 8 if settings.gain_and_bias else 6
     design = np.empty((n, 8), dtype=np.float32)
@@ -196,6 +199,8 @@ def align(
         if settings.gain_and_bias:
             gain, bias = gain + step[6], bias + step[7]
         iterations += 1
+        if observer is not None:
+            observer.iterated(photo_from_anchor)
         moved = np.sqrt(step[:6] @ template.motion @ step[:6])
         converged = bool(moved < settings.converged_pixels)
     return Alignment(

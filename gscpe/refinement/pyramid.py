@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from gscpe.arrays import BoolArray, Float32Array
 from gscpe.geometry.camera import Camera
 
-_LENIENT_LEVEL = 3
-
 _T = TypeVar("_T", np.float32, np.bool_)
 
 
@@ -82,12 +80,13 @@ def anchor_pyramid(
     valid: BoolArray,
     camera: Camera,
     levels: int,
+    lenient_level: int,
 ) -> tuple[AnchorLevel, ...]:
     """The anchor at full size and ``levels`` times halved; the mask is halved with it, so
     that all contributing pixels are valid.
 
-    From the third halving on, where whole blocks of 8x8 pixels and more would have to be
-    valid and little were left of a cluttered scene, half of them are enough.
+    From the halving ``lenient_level`` on, where whole blocks of pixels would have to be valid and
+    little were left of a cluttered scene, half of them are enough.
     """
     pyramid = [AnchorLevel(image, valid, camera, depth)]
     share = valid.astype(np.float32)
@@ -97,7 +96,7 @@ def anchor_pyramid(
         pyramid.append(
             AnchorLevel(
                 halve_mean(last.image),
-                halve_all(last.valid) if level < _LENIENT_LEVEL else share >= 0.5,
+                halve_all(last.valid) if level < lenient_level else share >= 0.5,
                 halve_camera(last.camera),
                 halve_mean(last.depth),
             )

@@ -11,7 +11,7 @@ from gscpe.arrays import BoolArray, Float32Array, Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.projection import unproject_image
-from gscpe.render import RenderedView, Renderer
+from gscpe.render import RenderedView, Renders
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def surface_mask(view: RenderedView, settings: VisibilitySettings) -> BoolArray:
 
 
 def visibility_mask(
-    renderer: Renderer,
+    renderer: Renders,
     anchor: RenderedView,
     settings: VisibilitySettings,
     metres_per_unit: float,

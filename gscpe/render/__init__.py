@@ -4,12 +4,13 @@ from gscpe.render.context import DriverInfo, driver_info
 from gscpe.render.rasterizer import choose_backend
 from gscpe.render.renderer import Renderer
 from gscpe.render.similarity import local_correlation
-from gscpe.render.view import RenderedView
+from gscpe.render.view import RenderedView, Renders
 
 __all__ = [
     "DriverInfo",
     "RenderedView",
     "Renderer",
+    "Renders",
     "choose_backend",
     "driver_info",
     "local_correlation",

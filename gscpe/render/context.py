@@ -14,7 +14,7 @@ from typing import Any, Callable, Iterator
 import moderngl
 
 from gscpe.errors import RenderError
-from gscpe.render.diagnosis import VARIABLES, Attempt, OpenGLFacts, summary
+from gscpe.render.diagnosis import VARIABLES, ContextFailure, OpenGLFacts, summary
 from gscpe.render.osmesa import OSMesaContext
 
 REQUIRED_GL = 330
@@ -91,9 +91,9 @@ def check_process(owner: int) -> None:
         )
 
 
-def _first_context() -> tuple[moderngl.Context | None, tuple[Attempt, ...]]:
+def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...]]:
     """The first context that can be had, and what failed before."""
-    failures: list[Attempt] = []
+    failures: list[ContextFailure] = []
     no_more_egl = False
     for way, options in _ways():
         if no_more_egl and way.startswith("EGL"):
@@ -105,7 +105,7 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[Attempt, ...]]:
             # An error about the list of devices, or the library, holds for all of them.
             no_more_egl = "device index" in text or "not loaded" in text or "not found" in text
             if not ("device index" in text and failures):
-                failures.append(Attempt(way, text))
+                failures.append(ContextFailure(way, text))
             continue
         context.extra = way
         return context, tuple(failures)
@@ -152,7 +152,7 @@ def opengl_facts() -> OpenGLFacts:
     info = describe(context)
     context.release()
     if info.version_code < REQUIRED_GL:
-        old = Attempt(info.reached_by, f"the driver is too old: {info.version}")
+        old = ContextFailure(info.reached_by, f"the driver is too old: {info.version}")
         return replace(facts, failures=(*failures, old))
     return replace(facts, renderer=info.renderer, is_software=info.is_software)
 

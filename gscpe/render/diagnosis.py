@@ -49,7 +49,7 @@ _ERRORS = (
 
 
 @dataclass(frozen=True)
-class Attempt:
+class ContextFailure:
     """A way to make a context that failed, such as ``EGL device 0``, and what it reported."""
 
     way: str
@@ -72,7 +72,7 @@ class OpenGLFacts:
     """
 
     platform: str = "linux"
-    failures: tuple[Attempt, ...] = ()
+    failures: tuple[ContextFailure, ...] = ()
     renderer: str | None = None
     is_software: bool = False
     device_nodes: Mapping[str, bool] = field(default_factory=dict)

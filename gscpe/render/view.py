@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -47,3 +48,12 @@ class RenderedView:
     def _unit_of_the_depth(self) -> float:
         seen = self.depth > 0
         return _TYPICAL_DEPTH / float(np.median(self.depth[seen])) if np.any(seen) else 1.0
+
+
+class Renders(Protocol):
+    """What shows a map from any pose: a :class:`gscpe.Renderer`, a :class:`gscpe.Localizer`, or
+    something that stands between."""
+
+    def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
+        """The map as a pinhole camera with this (4, 4) pose sees it."""
+        ...

@@ -6,7 +6,6 @@ from typing import Any, Mapping, Sequence
 
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.report.markup import Markup, element, join
-from gscpe.report.query_errors import STAGE_NAMES
 from gscpe.report.query_pictures import QueryPictures
 from gscpe.report.selection import Shown
 from gscpe.report.settings import ReportSettings
@@ -129,8 +128,8 @@ def _kinds(
 ) -> list[tuple[str, str, str]]:
     """Kind, title and caption of the small pictures."""
     trusted_share = drawn.trusted_pixels or 0.0
-    refined = detail["refined"] or {}
-    gain, bias = refined.get("gain"), refined.get("bias")
+    aligned = detail["aligned"] or {}
+    gain, bias = aligned.get("gain"), aligned.get("bias")
     like = "render" if gain is None or bias is None else f"({gain:.2f} · render {bias:+.2f})"
     return [
         (
@@ -160,19 +159,19 @@ def _facts(
     metric: bool,
     drawn: QueryPictures,
 ) -> Markup:
-    coarse, refined = detail["coarse"] or {}, detail["refined"] or {}
+    coarse, aligned = detail["coarse"] or {}, detail["aligned"] or {}
     facts = [
         (
-            f"{STAGE_NAMES[stage]}, error",
+            f"{stage}, error",
             f"{length_text(error.distance, metric)}, {degrees_text(error.degrees)}",
         )
         for stage, error in errors.items()
     ]
     if coarse:
         facts.append(("inliers", f"{coarse['inliers']} of {coarse['matches']} matches"))
-    if refined:
-        facts.append(("agreement", number_text(refined["agreement"], 2)))
-        facts.append(("overlap", number_text(refined["overlap"], 2)))
+    if aligned:
+        facts.append(("agreement", number_text(aligned["agreement"], 2)))
+        facts.append(("overlap", number_text(aligned["overlap"], 2)))
     seconds = detail["seconds"].get("total")
     if seconds is not None:
         facts.append(("time", f"{seconds:.2f} s"))

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from gscpe.errors import OutputError
 from gscpe.evaluation import SceneRun
-from gscpe.localizer import Localizer
+from gscpe.localization import Localizer
 from gscpe.matching import Matcher
 from gscpe.report.cards import card_id, query_card
 from gscpe.report.curves import cumulative_curves

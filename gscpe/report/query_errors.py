@@ -9,10 +9,7 @@ from gscpe.evaluation import SceneRun, Stage
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.scene.pose_file import parse_pose
 
-STAGES: tuple[Stage, ...] = ("coarse", "refined", "final")
-
-STAGE_NAMES = {"coarse": "coarse", "refined": "alignment alone", "final": "final"}
-"""As people read them: the final pose is the mean of the other two."""
+STAGES: tuple[Stage, ...] = ("coarse", "aligned", "final")
 
 Errors = Mapping[str, Mapping[str, PoseDifference]]
 """By stage, then by photo name; distances in metres where the map's unit is known, else in map
@@ -43,8 +40,8 @@ def true_poses(run: SceneRun) -> Mapping[str, Float64Array]:
 
 def shown_pose(detail: Mapping[str, Any]) -> Float64Array | None:
     """Where a query is shown from: its final pose; where it was not localized, the last pose
-    that was found and not trusted, coarse before refined; None where there is none."""
-    for source in (detail, detail["coarse"], detail["refined"]):
+    that was found and not trusted, coarse before aligned; None where there is none."""
+    for source in (detail, detail["coarse"], detail["aligned"]):
         if source is not None and source["cam_from_world"] is not None:
             return parse_pose(source["cam_from_world"])
     return None

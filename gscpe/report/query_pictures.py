@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Mapping, cast
+from typing import Any, Mapping
 
 import cv2
 import numpy as np
@@ -14,10 +14,10 @@ from gscpe.coarse.lift import lift
 from gscpe.errors import InputError
 from gscpe.evaluation.pictures import depth_picture, difference_picture
 from gscpe.geometry.camera import Camera
-from gscpe.localizer import Localizer
+from gscpe.localization import Localizer
 from gscpe.matching import Matcher, Matches
 from gscpe.refinement.visibility import surface_mask, visibility_mask
-from gscpe.render import RenderedView, Renderer
+from gscpe.render import RenderedView
 from gscpe.report.query_errors import shown_pose
 from gscpe.report.settings import ReportSettings
 from gscpe.scene import luminance, read_image, to_photo, to_uint8
@@ -77,11 +77,10 @@ def draw_query(
     if detail["status"] == "localized":
         mask_settings = localizer.settings.refinement.visibility
         unit = view.tolerance_unit(localizer.map.metres_per_unit)
-        # The mask needs nothing of a renderer but render, which the localizer has too.
-        mask = visibility_mask(cast(Renderer, localizer), view, mask_settings, unit)
+        mask = visibility_mask(localizer, view, mask_settings, unit)
         trusted_pixels = float(mask.mean())
-        refined = detail["refined"] or {}
-        gain, bias = refined.get("gain"), refined.get("bias")
+        aligned = detail["aligned"] or {}
+        gain, bias = aligned.get("gain"), aligned.get("bias")
         pictures["difference"] = difference_picture(
             photo.rgb,
             view,

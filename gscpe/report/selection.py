@@ -76,9 +76,9 @@ def _worst(
     known = {i: errors[str(details[i]["name"])] for i in localized if details[i]["name"] in errors}
     if not known:
         agreement = {
-            i: float(details[i]["refined"]["agreement"])
+            i: float(details[i]["aligned"]["agreement"])
             for i in localized
-            if details[i]["refined"] and details[i]["refined"]["agreement"] is not None
+            if details[i]["aligned"] and details[i]["aligned"]["agreement"] is not None
         }
         least = sorted(agreement, key=lambda i: agreement[i])[:count]
         return [

@@ -8,7 +8,7 @@ import numpy as np
 
 from gscpe.evaluation import THRESHOLDS, SceneRun
 from gscpe.report.markup import Markup, element, join
-from gscpe.report.query_errors import STAGE_NAMES, STAGES, Errors
+from gscpe.report.query_errors import STAGES, Errors
 from gscpe.report.selection import Shown
 from gscpe.report.text import MISSING, length_text, number_text, share_text
 
@@ -93,7 +93,7 @@ def query_table(
     rows = []
     for index, detail in enumerate(run.details):
         name = str(detail["name"])
-        coarse, refined = detail["coarse"] or {}, detail["refined"] or {}
+        coarse, aligned = detail["coarse"] or {}, detail["aligned"] or {}
         first: str = element("a", name, href=links[name]) if name in links else name
         for kind in marks.get(index, ()):
             first = join(first, " ", tag(kind))
@@ -108,7 +108,7 @@ def query_table(
                     values.append(number_text(value, decimals))
         values += [
             f"{coarse['inliers']}" if "inliers" in coarse else MISSING,
-            number_text(refined.get("agreement"), 2),
+            number_text(aligned.get("agreement"), 2),
             number_text(detail["seconds"].get("total"), 2),
         ]
         reference = element("td", str(detail["reference"] or MISSING))
@@ -130,7 +130,7 @@ def tag(kind: str) -> Markup:
 
 
 def _stage_key(stage: str) -> Markup:
-    return join(element("span", class_=f"key {stage}"), STAGE_NAMES[stage])
+    return join(element("span", class_=f"key {stage}"), stage)
 
 
 def _cells(texts: Iterable[str]) -> list[Markup]:

@@ -1,0 +1,23 @@
+"""One photo: where to begin, attempts, their fusion, and whether the pose can be trusted."""
+
+from gscpe.localization.attempt import Attempt
+from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
+from gscpe.localization.localizer import Localizer
+from gscpe.localization.observer import Observer
+from gscpe.localization.result import LocalizationResult
+from gscpe.localization.settings import LocalizerSettings
+from gscpe.localization.starts import PosePrior, Start
+from gscpe.localization.verification import VerificationSettings
+
+__all__ = [
+    "Attempt",
+    "FusionSettings",
+    "LocalizationResult",
+    "Localizer",
+    "LocalizerSettings",
+    "Observer",
+    "PosePrior",
+    "Start",
+    "VerificationSettings",
+    "fuse_matches_and_alignment",
+]

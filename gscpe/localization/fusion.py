@@ -1,0 +1,77 @@
+"""Combines the two estimates of a pose, from matches and from image alignment.
+
+They err differently: matches by the map's geometry and the features' places, the alignment by
+what changed between map and photo. The mean of the two is better than either, and a refinement
+that has little to add cannot spoil a good coarse pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import SettingsError
+from gscpe.geometry import se3
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """How the two are weighed.
+
+    Attributes:
+        matches_variance_factor: both see one photo and one map, so that part of their errors is
+            the same; and of two such estimates the better one, the alignment, deserves more than
+            its share by variance. So the covariance of the matches counts this many times
+            (calibrated, docs/benchmarks.md).
+    """
+
+    matches_variance_factor: float = 4.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.matches_variance_factor < np.inf:
+            raise SettingsError(
+                "matches_variance_factor must be positive and finite, "
+                f"not {self.matches_variance_factor}"
+            )
+
+
+def fuse_matches_and_alignment(
+    matched_cam_from_world: Float64Array,
+    matched_covariance: Float64Array,
+    aligned_cam_from_world: Float64Array,
+    aligned_covariance: Float64Array,
+    settings: FusionSettings,
+) -> tuple[Float64Array, Float64Array]:
+    """The mean of a coarse and an aligned pose, (4, 4), and its covariance, (6, 6), of xi in
+    ``exp(xi) @ cam_from_world``; arguments as :func:`fuse_poses`."""
+    return fuse_poses(
+        matched_cam_from_world,
+        settings.matches_variance_factor * matched_covariance,
+        aligned_cam_from_world,
+        aligned_covariance,
+    )
+
+
+def fuse_poses(
+    cam_from_world_a: Float64Array,
+    covariance_a: Float64Array,
+    cam_from_world_b: Float64Array,
+    covariance_b: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
+    """The mean of two independent poses, weighted by their information, and its covariance.
+
+    Args:
+        cam_from_world_a, cam_from_world_b: (4, 4), close to each other.
+        covariance_a, covariance_b: (6, 6) of xi in ``exp(xi) @ cam_from_world``.
+    """
+    b_from_a = se3.log(cam_from_world_b @ se3.inverse(cam_from_world_a))
+    # In units of a's deviations, so that metres and radians do not spoil the inverse.
+    scale = np.sqrt(np.diag(covariance_a))
+    a, b = covariance_a / np.outer(scale, scale), covariance_b / np.outer(scale, scale)
+    weight_of_b = np.linalg.solve((a + b).T, a.T).T  # a (a + b)^-1
+    step = scale * (weight_of_b @ (b_from_a / scale))
+    covariance = weight_of_b @ b
+    covariance = 0.5 * (covariance + covariance.T) * np.outer(scale, scale)
+    return se3.exp(step) @ cam_from_world_a, covariance

@@ -1,0 +1,63 @@
+"""Settings of the pipeline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gscpe.coarse import CoarseSettings, FocalSettings
+from gscpe.errors import SettingsError
+from gscpe.localization.fusion import FusionSettings
+from gscpe.localization.verification import VerificationSettings
+from gscpe.refinement import RefinementSettings
+from gscpe.retrieval import IndexSettings
+
+
+@dataclass(frozen=True)
+class LocalizerSettings:
+    """Settings of every stage.
+
+    Attributes:
+        hypotheses: places that are tried, best first, until one is not doubted.
+        retrieved: references that are retrieved to find so many different places.
+        same_place: metres between cameras that show one place, where they look the same way, ...
+        same_place_degrees: ... within this angle.
+        prior_sigmas: deviations of an unsure prior within which references are tried first.
+        same_resolution: photos whose focal length in pixels is that of the references within this
+            factor are not resampled.
+        most_enlarged: a photo with fewer pixels is enlarged at most this much: there is nothing
+            more in it.
+        near: a prior whose deviation is at most this, metres, is aligned at once, ...
+        near_degrees: ... and whose rotation is as sure as this.
+        near_levels: times the image is halved for it; each doubles how far off it may be.
+        index: how the references are searched.
+        retrieval_model: path of the exported network that described the map's references,
+            where one did; None: the file of its name in gscpe.retrieval.descriptors_folder().
+    """
+
+    hypotheses: int = 3
+    retrieved: int = 20
+    same_place: float = 0.5
+    same_place_degrees: float = 30.0
+    prior_sigmas: float = 3.0
+    same_resolution: float = 1.03
+    most_enlarged: float = 2.0
+    near: float = 0.1
+    near_degrees: float = 4.0
+    near_levels: int = 4
+    index: IndexSettings = field(default_factory=IndexSettings)
+    retrieval_model: str | Path | None = None
+    coarse: CoarseSettings = field(default_factory=CoarseSettings)
+    focal: FocalSettings = field(default_factory=FocalSettings)
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    fusion: FusionSettings = field(default_factory=FusionSettings)
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.hypotheses <= self.retrieved:
+            raise SettingsError(
+                "at least one place must be tried, and as many references retrieved, not "
+                f"{self.hypotheses} and {self.retrieved}"
+            )
+        if self.same_resolution < 1 or self.most_enlarged < 1:
+            raise SettingsError("same_resolution and most_enlarged are factors of at least 1")

@@ -1,0 +1,197 @@
+"""Whether a pose can be trusted. A wrong pose is worse than none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.coarse import CoarseResult
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.pose_error import pose_difference
+from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
+from gscpe.localization.starts import PosePrior
+from gscpe.refinement import RefinementResult
+
+
+@dataclass(frozen=True)
+class VerificationSettings:
+    """What a pose must show (measured: docs/how-it-works.md, section Verification).
+
+    Attributes:
+        min_inliers: matches that agree with the coarse pose.
+        min_inlier_share: ... as a share of all matches.
+        min_spread: share of a 4x4 grid over the photo that holds an inlier.
+        min_agreement: local correlation of photo and render.
+        min_tracking_agreement: the same where no matches were made, only an alignment.
+        sure_agreement: below it, further starts are tried too, and the best is kept.
+        min_overlap: share of the photo that shows the map.
+        max_shift: metres that refinement may move the coarse pose, and ... (lengths are for
+            scenes 2 m away; they grow with the depth where it is more, or its unit unknown)
+        max_shift_degrees: ... turn it; more means that the two contradict each other.
+        max_sigma: metres of the pose's standard deviation in its worst direction, and ...
+        max_sigma_degrees: ... the same for the rotation; more: the photo does not tell. Where
+            only the alignment does not, the mean with the matches must be twice as sure.
+        prior_sigmas: deviations of a prior by which an alignment without matches may leave it.
+    """
+
+    min_inliers: int = 20
+    min_inlier_share: float = 0.5
+    min_spread: float = 0.2
+    min_agreement: float = 0.25
+    min_tracking_agreement: float = 0.5
+    sure_agreement: float = 0.6
+    min_overlap: float = 0.2
+    max_shift: float = 0.1
+    max_shift_degrees: float = 3.0
+    max_sigma: float = 0.1
+    max_sigma_degrees: float = 3.0
+    prior_sigmas: float = 4.0
+
+
+def inlier_spread(inlier_pixels: Float64Array, camera: Camera) -> float:
+    """Share of a 4x4 grid over the image, in [0, 1], whose cells hold at least one of the
+    pixels, (N, 2)."""
+    columns = np.clip(4.0 * inlier_pixels[:, 0] / camera.width, 0, 3).astype(int)
+    rows = np.clip(4.0 * inlier_pixels[:, 1] / camera.height, 0, 3).astype(int)
+    return len(set(zip(rows.tolist(), columns.tolist(), strict=True))) / 16.0
+
+
+def doubt_about_coarse(
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
+) -> str | None:
+    """Why the coarse pose cannot be trusted, or None."""
+    if coarse.cam_from_world is None:
+        return f"no pose agrees with the {coarse.matches} matches between photo and map"
+    if coarse.inliers < settings.min_inliers:
+        return f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed)"
+    share = coarse.inliers / max(coarse.matches, 1)
+    if share < settings.min_inlier_share:
+        return f"only {share:.0%} of the matches agree ({settings.min_inlier_share:.0%} needed)"
+    spread = inlier_spread(coarse.inlier_pixels, camera)
+    if spread < settings.min_spread:
+        return (
+            f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} needed)"
+        )
+    return None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What matches and alignment say of each other, in metres (see ``max_shift``) and degrees.
+
+    Attributes:
+        shift, shift_degrees: between the two; 0 where the alignment determines no pose, so
+            that it cannot contradict the matches.
+        sigma, sigma_degrees: standard deviations of the alignment in the worst direction; where
+            it determines no pose, twice those of the mean of both.
+    """
+
+    shift: float
+    shift_degrees: float
+    sigma: float
+    sigma_degrees: float
+
+
+def compare_stages(
+    coarse: CoarseResult,
+    aligned: RefinementResult,
+    settings: VerificationSettings,
+    fusion: FusionSettings,
+) -> Comparison:
+    """How well matches and alignment go together; both have a pose."""
+    assert aligned.cam_from_world is not None
+    assert aligned.covariance is not None
+    assert coarse.cam_from_world is not None
+    unit = aligned.tolerance_unit
+    sigma, sigma_degrees = _worst_sigmas(aligned.covariance, unit)
+    if sigma <= settings.max_sigma and sigma_degrees <= settings.max_sigma_degrees:
+        shift = pose_difference(aligned.cam_from_world, coarse.cam_from_world)
+        return Comparison(shift.distance * unit, shift.degrees, sigma, sigma_degrees)
+    if coarse.covariance is None:
+        return Comparison(0.0, 0.0, sigma, sigma_degrees)
+    _, covariance = fuse_matches_and_alignment(
+        coarse.cam_from_world, coarse.covariance, aligned.cam_from_world, aligned.covariance, fusion
+    )
+    sigma, sigma_degrees = _worst_sigmas(covariance, unit)
+    return Comparison(0.0, 0.0, 2.0 * sigma, 2.0 * sigma_degrees)
+
+
+def doubt_about_aligned(
+    coarse: CoarseResult,
+    aligned: RefinementResult,
+    settings: VerificationSettings,
+    fusion: FusionSettings,
+) -> str | None:
+    """Why the aligned pose cannot be trusted, or None."""
+    if aligned.cam_from_world is None or aligned.covariance is None:
+        return aligned.reason or "the refinement failed"
+    doubt = _doubt_about_picture(aligned, settings.min_agreement, settings)
+    if doubt is not None:
+        return doubt
+    found = compare_stages(coarse, aligned, settings, fusion)
+    if found.shift > settings.max_shift or found.shift_degrees > settings.max_shift_degrees:
+        return (
+            "matches and image alignment contradict each other by "
+            f"{found.shift / aligned.tolerance_unit:.3f} and {found.shift_degrees:.2f} degrees"
+        )
+    return _doubt_about_sigmas(found.sigma, found.sigma_degrees, aligned.tolerance_unit, settings)
+
+
+def doubt_about_tracked(
+    prior: PosePrior, aligned: RefinementResult, settings: VerificationSettings
+) -> str | None:
+    """Why a pose that was aligned from a prior, without matches, cannot be trusted, or None."""
+    if aligned.cam_from_world is None or aligned.covariance is None:
+        return aligned.reason or "the refinement failed"
+    if not aligned.converged:
+        return "the alignment from the prior did not converge"
+    doubt = _doubt_about_picture(aligned, settings.min_tracking_agreement, settings)
+    if doubt is not None:
+        return doubt
+    shift = pose_difference(aligned.cam_from_world, prior.cam_from_world)
+    if (
+        shift.distance > settings.prior_sigmas * prior.translation_sigma
+        or shift.degrees > settings.prior_sigmas * prior.rotation_sigma_degrees
+    ):
+        return f"the alignment left the prior by {shift.distance:.3f} and {shift.degrees:.2f} deg"
+    unit = aligned.tolerance_unit
+    return _doubt_about_sigmas(*_worst_sigmas(aligned.covariance, unit), unit, settings)
+
+
+def _doubt_about_picture(
+    aligned: RefinementResult, min_agreement: float, settings: VerificationSettings
+) -> str | None:
+    if aligned.overlap < settings.min_overlap:
+        return f"only {aligned.overlap:.0%} of the photo shows the map"
+    if not aligned.agreement >= min_agreement:  # also NaN: nothing to compare
+        return (
+            f"the map does not look like the photo at the estimated pose (correlation "
+            f"{aligned.agreement:.2f}, {min_agreement:.2f} needed)"
+        )
+    return None
+
+
+def _worst_sigmas(covariance: Float64Array, tolerance_unit: float) -> tuple[float, float]:
+    """Metres and degrees in the worst direction.
+
+    In ``exp(xi)`` the camera's centre moves by minus the translation, turned, and by what the
+    rotation does to it, which is nothing: the centre is the origin of its own frame.
+    """
+    translation, rotation = (
+        float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
+        for block in (covariance[:3, :3], covariance[3:, 3:])
+    )
+    return translation * tolerance_unit, float(np.degrees(rotation))
+
+
+def _doubt_about_sigmas(
+    metres: float, degrees: float, tolerance_unit: float, settings: VerificationSettings
+) -> str | None:
+    if metres > settings.max_sigma or degrees > settings.max_sigma_degrees:
+        return (
+            "the photo does not determine the pose: standard deviations of "
+            f"{metres / tolerance_unit:.3f} and {degrees:.2f} degrees"
+        )
+    return None

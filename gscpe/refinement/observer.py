@@ -1,0 +1,28 @@
+"""Looks on while a pose is refined: for tools that measure, and for pictures of the way."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gscpe.arrays import BoolArray, Float64Array
+from gscpe.render import RenderedView
+
+if TYPE_CHECKING:
+    from gscpe.refinement.lucas_kanade import Alignment
+
+
+class RefinementObserver:
+    """Is told what :func:`gscpe.refinement.refine_pose` does, as it does it. Override what you
+    need; what is passed must not be changed."""
+
+    def anchor_rendered(self, view: RenderedView) -> None:
+        """A render that will serve as the template."""
+
+    def mask_made(self, mask: BoolArray) -> None:
+        """The visibility mask, (H, W), of the last anchor."""
+
+    def iterated(self, photo_from_anchor: Float64Array) -> None:
+        """A step of the solver, at any pyramid level, came to this pose, (4, 4)."""
+
+    def anchor_aligned(self, alignment: Alignment) -> None:
+        """What came of the last anchor."""

@@ -1,0 +1,260 @@
+"""``gscpe localize``: one photo, lists of them, and going on after an interruption."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from scenes import ROOM_POSE, room, room_camera, room_map
+
+from gscpe import LocalizationResult, Localizer, PosePrior
+from gscpe.cli.main import main
+from gscpe.geometry import Camera, pose_difference, se3
+from gscpe.scene import save_map, write_image
+from gscpe.scene.pose_file import format_pose, parse_pose, read_poses
+
+CAMERA = room_camera(240, 180)
+CAMERA_WORDS = CAMERA.colmap_text()
+POSES = {
+    f"{name}.png": se3.exp(step) @ ROOM_POSE
+    for name, step in {
+        "a": [0.05, -0.03, 0.04, 0.02, -0.02, 0.03],
+        "b": [-0.04, 0.02, 0.05, -0.02, 0.03, 0.0],
+        "c": [0.0, 0.05, -0.02, 0.01, 0.0, -0.04],
+    }.items()
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """room.gsmap, photos/ and queries.txt; one of the photos is of nowhere."""
+    folder = tmp_path_factory.mktemp("localize")
+    save_map(room_map(), folder / "room.gsmap")
+    for name, pose in POSES.items():
+        write_image(folder / "photos" / name, room().shoot(CAMERA, pose).uint8)
+    write_image(folder / "photos" / "nowhere.png", np.full((180, 240, 3), 9, np.uint8))
+    lines = [f"{name} {CAMERA_WORDS}\n" for name in (*POSES, "nowhere.png")]
+    (folder / "queries.txt").write_text("".join(lines))
+    return folder
+
+
+def localize_list(folder: Path, output: Path, *more: str) -> int:
+    return main(
+        [
+            *("localize", str(folder / "room.gsmap"), "--queries", str(folder / "queries.txt")),
+            *("--images", str(folder / "photos"), "--output", str(output), *more),
+        ]
+    )
+
+
+def check(pose: NDArray[np.float64], name: str) -> None:
+    error = pose_difference(pose, POSES[name])
+    assert error.distance < 4e-3
+    assert error.degrees < 0.1
+
+
+def test_one_photo(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "a.png")
+    status = main(["localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS])
+    out, err = capsys.readouterr()
+    assert (status, err) == (0, "")
+    (pose,) = out.splitlines()
+    check(parse_pose(pose), "a.png")
+
+
+def test_one_photo_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "b.png")
+    camera = CAMERA_WORDS.replace(" ", ",")
+    status = main(["localize", str(folder / "room.gsmap"), photo, "--camera", camera, "--json"])
+    out, err = capsys.readouterr()
+    assert (status, err) == (0, "")
+    detail = json.loads(out)
+    assert (detail["name"], detail["status"], detail["reason"]) == (photo, "localized", None)
+    check(parse_pose(detail["cam_from_world"]), "b.png")
+    assert detail["reference"] == "room.png"
+    assert detail["aligned"]["agreement"] > 0.8
+
+
+def photo_with_lens(path: Path, millimetres: int) -> Path:
+    """A JPEG of a 33 mm lens that claims to be of another."""
+    square = Camera.pinhole(240, 180, fx=230.0, fy=230.0, cx=120.0, cy=90.0)
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = millimetres
+    shot = room().shoot(square, POSES["a.png"], samples=2).uint8
+    Image.fromarray(shot).save(path, quality=95, exif=exif)
+    return path
+
+
+def test_one_photo_of_an_unknown_camera(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From a lens in the EXIF block that is 15% too long; and what is printed can be given as
+    --camera."""
+    photo = photo_with_lens(tmp_path / "a.jpg", 38)
+    arguments = ["localize", str(folder / "room.gsmap"), str(photo)]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    (line,) = err.splitlines()
+    assert line.startswith("camera estimated: PINHOLE,240,180,")
+    text = line.removeprefix("camera estimated: ")
+    camera = Camera.parse(text)
+    assert camera.fx == camera.fy == pytest.approx(230.0, rel=0.02)
+    assert (camera.cx, camera.cy) == (120.0, 90.0)
+    error = pose_difference(parse_pose(out.strip()), POSES["a.png"])
+    assert error.distance < 0.05
+    assert error.degrees < 0.2
+    assert main([*arguments, "--camera", text]) == 0
+    assert capsys.readouterr() == (out, "")
+
+
+def test_a_lens_that_cannot_be(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The search begins at the lens of the EXIF block, and 6 times as long is too far."""
+    photo = photo_with_lens(tmp_path / "a.jpg", 200)
+    assert main(["localize", str(folder / "room.gsmap"), str(photo)]) == 1
+    assert "focal length cannot be estimated" in capsys.readouterr().err
+
+
+def test_an_unknown_camera_of_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "nowhere.png")
+    assert main(["localize", str(folder / "room.gsmap"), photo]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith(
+        f"{photo}: not localized: the camera's focal length cannot be estimated: "
+    )
+    assert line.endswith("no features to recognize a place by")
+
+
+def test_a_prior_saves_retrieval(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "a.png")
+    arguments = ["localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS, "--json"]
+    near = format_pose(se3.exp([0.02, 0, 0, 0, 0.01, 0]) @ POSES["a.png"])
+    for sigma, start in ((["0.05", "2"], "tracking"), (["0.5", "20"], "prior")):
+        assert main([*arguments, "--prior", near, "--prior-sigma", *sigma]) == 0
+        detail = json.loads(capsys.readouterr().out)
+        assert detail["started_from"] == start
+        check(parse_pose(detail["cam_from_world"]), "a.png")
+    assert main([*arguments, "--prior", "1 0 0 0 nan 0 0"]) == 2
+    assert main([*arguments, "--prior", near, "--prior-sigma", "0", "1"]) == 2
+    with pytest.raises(SystemExit):
+        main([*arguments, "--prior-sigma", "1", "1"])
+
+
+@pytest.mark.parametrize("backend", ["gl", "cpu"])
+def test_backends(backend: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = str(folder / "photos" / "a.png")
+    arguments = ["localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS]
+    assert main([*arguments, "--backend", backend]) == 0
+    check(parse_pose(capsys.readouterr().out), "a.png")
+
+
+@pytest.mark.parametrize("form", [[], ["--json"]])
+def test_a_photo_of_nowhere(
+    form: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit status 1, and why."""
+    photo = str(folder / "photos" / "nowhere.png")
+    arguments = ["localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS]
+    assert main([*arguments, *form]) == 1
+    out, err = capsys.readouterr()
+    if form:
+        detail = json.loads(out)
+        assert detail["status"] == "not localized"
+        assert detail["reason"]
+        assert detail["cam_from_world"] is None
+    else:
+        assert out == ""
+        assert err.startswith(f"{photo}: not localized: ")
+        assert len(err.splitlines()) == 1
+
+
+def test_a_list(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output, coarse, details = (tmp_path / n for n in ("new/p.txt", "c.txt", "d.jsonl"))
+    more = ("--coarse-output", str(coarse), "--details", str(details))
+    assert localize_list(folder, output, *more) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out == f"3 of 4 photos localized: {output}; details: {details}\n"
+    for path in (output, coarse):
+        poses = read_poses(path)
+        assert list(poses) == list(POSES)
+        for name, pose in poses.items():
+            check(pose, name)
+    lines = [json.loads(line) for line in details.read_text().splitlines()]
+    assert [line["name"] for line in lines] == [*POSES, "nowhere.png"]
+    assert [line["status"] for line in lines] == ["localized"] * 3 + ["not localized"]
+
+
+class Interrupting(Localizer):
+    """The real localizer, until somebody presses Ctrl-C at the third photo."""
+
+    photos = 0
+
+    def localize(
+        self,
+        image: NDArray[np.uint8],
+        camera: Camera,
+        prior: PosePrior | LocalizationResult | None = None,
+    ) -> LocalizationResult:
+        if Interrupting.photos == 2:
+            raise KeyboardInterrupt
+        Interrupting.photos += 1
+        return super().localize(image, camera, prior)
+
+
+def test_going_on_after_an_interruption(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    output = tmp_path / "poses.txt"
+    monkeypatch.setattr("gscpe.batch.worker.Localizer", Interrupting)
+    monkeypatch.setattr(Interrupting, "photos", 0)
+    assert localize_list(folder, output) == 130
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "2 of 4 photos are finished; the same with resume (--resume) goes on" in err
+    assert "gscpe localize: interrupted" in err
+    assert "Traceback" not in err
+    assert list(read_poses(output)) == ["a.png", "b.png"]
+
+    details = output.with_suffix(".details.jsonl")
+    first = details.read_text().splitlines()
+    assert len(first) == 2
+    monkeypatch.undo()
+    assert localize_list(folder, output, "--resume") == 0
+    assert capsys.readouterr().out.startswith("3 of 4 photos localized")
+    again = details.read_text().splitlines()
+    assert again[:2] == first  # not done again
+    assert list(read_poses(output)) == list(POSES)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["a.png", "--queries", "q.txt"],
+        ["--queries", "q.txt"],
+        ["--queries", "q.txt", "--images", "photos"],
+        ["--queries", "q.txt", "--output", "poses.txt"],
+        ["a.png", "--camera", CAMERA_WORDS, "--backend", "vulkan"],
+    ],
+)
+def test_arguments_that_do_not_fit(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["localize", "room.gsmap", *arguments])
+    assert caught.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    assert "gscpe localize: error: " in err.splitlines()[-1]

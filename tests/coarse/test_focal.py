@@ -1,0 +1,175 @@
+"""Focal lengths from matches, and cameras from photos: right, or left open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Iterator
+
+import numpy as np
+import pytest
+from helpers import random_pose
+from numpy.typing import NDArray
+from scenes import ROOM_POSE, room, room_map, wall
+
+from gscpe import Localizer, References
+from gscpe.coarse import FocalEstimate, FocalSettings, PnPSettings, estimate_focal_length
+from gscpe.errors import CameraError, MapError, PhotoError
+from gscpe.geometry import Camera, pose_difference, se3
+from gscpe.geometry.projection import project, transform_points, unproject
+from gscpe.localization.unknown_camera import ordinary_camera
+
+TRUE_FOCAL = 525.0
+NOISE = 0.5
+
+
+def with_focal(focal: float) -> Camera:
+    return Camera.pinhole(640, 480, fx=focal, fy=focal, cx=311.0, cy=247.0)
+
+
+def seen_points(
+    rng: np.random.Generator, depth: tuple[float, float], outliers: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """300 world points, noisy pixels of which the first are chance, and the pose."""
+    pose = random_pose(rng)
+    exact = rng.uniform([0, 0], [640, 480], (300, 2))
+    in_camera = unproject(with_focal(TRUE_FOCAL), exact, rng.uniform(*depth, 300))
+    pixels = exact + NOISE * rng.normal(size=exact.shape)
+    pixels[:outliers] = rng.uniform([0, 0], [640, 480], (outliers, 2))
+    return transform_points(se3.inverse(pose), in_camera), pixels, pose
+
+
+def estimate(
+    points: NDArray[np.float64], pixels: NDArray[np.float64], guess: float
+) -> FocalEstimate | str:
+    return estimate_focal_length(
+        points, pixels, with_focal(guess * TRUE_FOCAL), PnPSettings(), FocalSettings()
+    )
+
+
+@pytest.mark.parametrize("guess", [0.6, 0.9, 1.3, 1.7])
+def test_a_wrong_guess(guess: float) -> None:
+    """40% outliers, half a pixel of noise, wherever the search begins."""
+    points, pixels, pose = seen_points(np.random.default_rng(round(10 * guess)), (1.0, 5.0), 120)
+    found = estimate(points, pixels, guess)
+    assert isinstance(found, FocalEstimate), found
+    relative = found.camera.fx / TRUE_FOCAL - 1.0
+    assert abs(relative) < 3.0 * found.relative_sigma
+    assert 1e-4 < found.relative_sigma < 3e-3
+    assert found.camera.fx == found.camera.fy
+    assert (found.camera.cx, found.camera.cy) == (311.0, 247.0)
+    assert 175 <= found.inliers <= 190
+    error = pose_difference(found.cam_from_world, pose)
+    assert error.distance < 0.01
+    assert error.degrees < 0.1
+
+
+def test_the_deviation_is_that_of_the_errors() -> None:
+    """Over 40 draws: the squared error over its variance averages 1, times the factor by
+    which real errors are more alike than these."""
+    squares = []
+    for seed in range(40):
+        points, pixels, pose = seen_points(np.random.default_rng(seed), (1.0, 5.0), 0)
+        # From the true pose's surroundings: few steps, and those near, are fast.
+        settings = FocalSettings(widest=0.98, narrowest=1.02, steps=1)
+        found = estimate_focal_length(
+            points, pixels, with_focal(TRUE_FOCAL), PnPSettings(max_iterations=100), settings
+        )
+        assert isinstance(found, FocalEstimate), found
+        squares.append((np.log(found.camera.fx / TRUE_FOCAL) / found.relative_sigma) ** 2)
+        assert pose_difference(found.cam_from_world, pose).distance < 0.01
+    # 300 matches in 70 cells are more than one a cell, so this is cautious, never bold.
+    assert 0.05 < PnPSettings().noise_correlation * np.mean(squares) < 1.5
+
+
+def test_a_wall_seen_straight_on_leaves_it_open(rng: np.random.Generator) -> None:
+    """From far with a long lens, and from near with a short one, it looks the same."""
+    points, pixels, _ = seen_points(rng, (2.0, 2.0), 0)
+    reason = estimate(points, pixels, 1.2)
+    assert isinstance(reason, str)
+    assert "leave it open" in reason
+
+
+def test_a_wall_seen_aslant_tells(rng: np.random.Generator) -> None:
+    pixels = rng.uniform([0, 0], [640, 480], (300, 2))
+    camera = with_focal(TRUE_FOCAL)
+    in_camera = unproject(camera, pixels, np.ones(300))
+    in_camera *= (2.0 / (in_camera @ [0.6, -0.2, 1.0]))[:, None]
+    assert in_camera[:, 2].min() > 0.5
+    np.testing.assert_allclose(project(camera, in_camera), pixels, atol=1e-9)
+    found = estimate(in_camera, pixels, 1.2)
+    assert isinstance(found, FocalEstimate), found
+    assert found.camera.fx == pytest.approx(TRUE_FOCAL, rel=1e-4)
+
+
+@pytest.mark.parametrize("count", [0, 3, 29])
+def test_too_few_matches(count: int, rng: np.random.Generator) -> None:
+    points, pixels, _ = seen_points(rng, (1.0, 5.0), 0)
+    reason = estimate(points[:count], pixels[:count], 1.0)
+    assert isinstance(reason, str)
+    assert "30 needed" in reason
+
+
+def test_chance_matches(rng: np.random.Generator) -> None:
+    points, pixels, _ = seen_points(rng, (1.0, 5.0), 300)
+    assert isinstance(estimate(points, pixels, 1.0), str)
+
+
+PHOTO_CAMERA = Camera.pinhole(240, 180, fx=230.0, fy=230.0, cx=120.0, cy=90.0)
+BESIDE = np.asarray(se3.exp([0.08, -0.05, 0.06, 0.03, -0.03, 0.04]) @ ROOM_POSE)
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Iterator[Localizer]:
+    with Localizer(room_map()) as localizer:
+        yield localizer
+
+
+@pytest.mark.parametrize("guess", [None, 300.0])
+def test_the_camera_of_a_photo(guess: float | None, localizer: Localizer) -> None:
+    """The focal length within 1%, from an ordinary lens (216 pixels) or a guess 30% off;
+    with it the photo is localized."""
+    image = room().shoot(PHOTO_CAMERA, BESIDE, samples=2).uint8
+    first = None
+    if guess is not None:
+        first = Camera.pinhole(240, 180, fx=guess, fy=guess, cx=120.0, cy=90.0)
+    camera = localizer.estimate_camera(image, first)
+    assert (camera.width, camera.height, camera.cx, camera.cy) == (240, 180, 120.0, 90.0)
+    assert camera.fx == pytest.approx(230.0, rel=0.01)
+    assert camera.fy == pytest.approx(230.0, rel=0.01)
+    result = localizer.localize(image, camera)
+    assert result.cam_from_world is not None
+    error = pose_difference(result.cam_from_world, BESIDE)
+    assert error.distance < 0.03
+    assert error.degrees < 0.2
+
+
+def test_photos_that_do_not_tell(localizer: Localizer) -> None:
+    blank = np.full((180, 240, 3), 128, np.uint8)
+    elsewhere = wall().shoot(PHOTO_CAMERA, np.eye(4)).uint8
+    for image in (blank, elsewhere):
+        with pytest.raises(CameraError, match=r"cannot be estimated: "):
+            localizer.estimate_camera(image)
+    with pytest.raises(PhotoError, match="uint8 RGB, not float64"):
+        localizer.estimate_camera(blank / 255.0)  # type: ignore[arg-type]
+    with pytest.raises(CameraError, match="the photo is 240x180, but its camera is 640x480"):
+        localizer.estimate_camera(blank, with_focal(525.0))
+
+
+def test_a_map_without_references() -> None:
+    known = room_map()
+    alone = replace(
+        known,
+        references=References(names=(), cam_from_world=np.zeros((0, 4, 4)), cameras=()),
+        descriptors=replace(known.descriptors, descriptors=known.descriptors.descriptors[:0]),
+    )
+    with Localizer(alone) as localizer, pytest.raises(MapError, match="without reference photos"):
+        localizer.estimate_camera(np.zeros((180, 240, 3), np.uint8))
+
+
+def test_an_ordinary_lens() -> None:
+    """About 58 degrees over the longer side, whichever that is."""
+    for shape in ((480, 640, 3), (640, 480, 3)):
+        camera = ordinary_camera(np.zeros(shape, np.uint8), FocalSettings())
+        assert (camera.height, camera.width) == shape[:2]
+        assert camera.fx == camera.fy == pytest.approx(576.0)
+        assert (camera.cx, camera.cy) == (shape[1] / 2, shape[0] / 2)

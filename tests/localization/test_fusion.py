@@ -1,0 +1,82 @@
+"""The mean of two poses."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers import random_pose
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gscpe.geometry import se3
+from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment, fuse_poses
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_covariance(rng: np.random.Generator) -> np.ndarray:
+    """Metres and radians of very different size, correlated."""
+    scale = 10.0 ** rng.uniform(-4, -2, 6)
+    square = rng.normal(size=(6, 8)) * scale[:, None]
+    return square @ square.T
+
+
+@given(seeds)
+def test_it_minimizes_the_sum_of_both_squared_errors(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a = random_pose(rng)
+    covariance_a, covariance_b = random_covariance(rng), random_covariance(rng)
+    b = se3.exp(rng.multivariate_normal(np.zeros(6), covariance_b)) @ a
+    fused, covariance = fuse_poses(a, covariance_a, b, covariance_b)
+
+    def cost(cam_from_world: np.ndarray) -> float:
+        errors = (se3.log(cam_from_world @ se3.inverse(each)) for each in (a, b))
+        return sum(
+            float(error @ np.linalg.solve(each, error))
+            for error, each in zip(errors, (covariance_a, covariance_b), strict=True)
+        )
+
+    least = cost(fused)
+    for _ in range(10):
+        step = rng.multivariate_normal(np.zeros(6), covariance)
+        assert cost(se3.exp(step) @ fused) >= least - 1e-6 * abs(least)
+    information = np.linalg.inv(covariance_a) + np.linalg.inv(covariance_b)
+    expected = np.linalg.inv(information)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+
+
+@given(seeds)
+def test_an_estimate_that_knows_nothing_changes_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = random_pose(rng), random_pose(rng)
+    covariance = random_covariance(rng)
+    b = se3.exp(rng.normal(scale=1e-2, size=6)) @ a
+    for sure_first in (True, False):
+        if sure_first:
+            fused, _ = fuse_poses(a, covariance, b, 1e10 * covariance)
+        else:
+            fused, _ = fuse_poses(b, 1e10 * covariance, a, covariance)
+        np.testing.assert_allclose(fused, a, atol=1e-6)
+
+
+def test_the_order_of_the_two_does_not_matter() -> None:
+    rng = np.random.default_rng(3)
+    a = random_pose(rng)
+    b = se3.exp(rng.normal(scale=1e-4, size=6)) @ a
+    covariances = random_covariance(rng), random_covariance(rng)
+    one, one_covariance = fuse_poses(a, covariances[0], b, covariances[1])
+    other, other_covariance = fuse_poses(b, covariances[1], a, covariances[0])
+    np.testing.assert_allclose(one, other, atol=1e-7)
+    np.testing.assert_allclose(one_covariance, other_covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_matches_count_less(rng: np.random.Generator) -> None:
+    matched, aligned = random_pose(rng), random_pose(rng)
+    aligned = se3.exp(rng.normal(scale=1e-2, size=6)) @ matched
+    covariance = random_covariance(rng)
+    pose, found = fuse_matches_and_alignment(
+        matched, covariance, aligned, covariance, FusionSettings(matches_variance_factor=4.0)
+    )
+    whole = se3.log(aligned @ se3.inverse(matched))
+    share = 4.0 / (1.0 + 4.0)
+    np.testing.assert_allclose(se3.log(pose @ se3.inverse(matched)), share * whole, rtol=1e-6)
+    np.testing.assert_allclose(found, share * covariance, rtol=1e-6)

@@ -1,0 +1,199 @@
+"""Every doubt has its reason, and a sound result has none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+
+from gscpe.coarse import CoarseResult
+from gscpe.geometry import Camera, se3
+from gscpe.localization import FusionSettings, PosePrior
+from gscpe.localization.verification import (
+    VerificationSettings,
+    doubt_about_aligned,
+    doubt_about_coarse,
+    doubt_about_tracked,
+    inlier_spread,
+)
+from gscpe.refinement import RefinementResult
+
+CAMERA = Camera.pinhole(640, 480, fx=525, fy=525, cx=320, cy=240)
+SETTINGS = VerificationSettings()
+FUSION = FusionSettings()
+GRID = np.stack(np.meshgrid([80, 240, 400, 560], [60, 180, 300, 420]), axis=-1).reshape(-1, 2)
+
+COARSE = CoarseResult(
+    cam_from_world=np.eye(4),
+    covariance=1e-6 * np.eye(6),
+    matches=100,
+    inliers=64,
+    inlier_pixels=np.repeat(GRID, 4, axis=0).astype(np.float64),
+    rms_pixels=0.8,
+    rounds=2,
+    converged=True,
+)
+ALIGNED = RefinementResult(
+    cam_from_world=se3.exp([0.01, 0.0, 0.0, 0.0, 0.01, 0.0]),
+    covariance=1e-6 * np.eye(6),
+    gain=1.0,
+    bias=0.0,
+    residual=0.02,
+    agreement=0.8,
+    overlap=0.9,
+    pixels=100_000,
+    anchors=2,
+    metres_per_unit=1.0,
+    tolerance_unit=1.0,
+    converged=True,
+)
+PRIOR = PosePrior(np.eye(4), translation_sigma=0.02, rotation_sigma_degrees=1.0)
+
+
+def coarse_doubt(**changes: Any) -> str | None:
+    return doubt_about_coarse(replace(COARSE, **changes), CAMERA, SETTINGS)
+
+
+def aligned_doubt(**changes: Any) -> str | None:
+    return doubt_about_aligned(COARSE, replace(ALIGNED, **changes), SETTINGS, FUSION)
+
+
+def tracked_doubt(**changes: Any) -> str | None:
+    return doubt_about_tracked(PRIOR, replace(ALIGNED, **changes), SETTINGS)
+
+
+def test_no_doubt() -> None:
+    assert coarse_doubt() is None
+    assert aligned_doubt() is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"cam_from_world": None, "matches": 7}, "no pose agrees with the 7 matches"),
+        ({"inliers": 19}, "only 19 matches agree with a pose (20 needed)"),
+        ({"matches": 640}, "only 10% of the matches agree (50% needed)"),
+        (
+            {"inlier_pixels": np.tile([[30.0, 40.0], [200.0, 100.0]], (32, 1))},
+            "the matches cover only 12% of the photo (20% needed)",
+        ),
+        ({"inlier_pixels": np.full((64, 2), 5.0)}, "cover only 6% of the photo"),
+    ],
+)
+def test_doubts_about_the_coarse_pose(changes: dict[str, Any], reason: str) -> None:
+    doubt = coarse_doubt(**changes)
+    assert doubt is not None
+    assert reason in doubt
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"cam_from_world": None, "reason": "too little of the map"}, "too little of the map"),
+        ({"cam_from_world": None, "reason": None}, "the refinement failed"),
+        ({"overlap": 0.19}, "only 19% of the photo shows the map"),
+        ({"agreement": 0.24}, "the map does not look like the photo at the estimated pose"),
+        ({"agreement": -0.8}, "correlation -0.80, 0.25 needed"),
+        ({"agreement": float("nan")}, "the map does not look like the photo"),
+        (
+            {"cam_from_world": se3.exp([0.11, 0, 0, 0, 0, 0])},
+            "matches and image alignment contradict each other by 0.110",
+        ),
+        (
+            {"cam_from_world": se3.exp([0, 0, 0, 0, np.radians(3.1), 0])},
+            "contradict each other by 0.000 and 3.10 degrees",
+        ),
+    ],
+)
+def test_doubts_about_the_aligned_pose(changes: dict[str, Any], reason: str) -> None:
+    doubt = aligned_doubt(**changes)
+    assert doubt is not None
+    assert reason in doubt
+
+
+def test_the_thresholds_themselves_are_enough() -> None:
+    assert coarse_doubt(inliers=20, matches=40) is None
+    assert coarse_doubt(matches=128) is None
+    assert aligned_doubt(agreement=0.25, overlap=0.2) is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "units_moved", "doubted"),
+    [(0.1, 0.9, False), (0.1, 1.1, True), (10.0, 0.009, False), (10.0, 0.011, True)],
+)
+def test_metres_per_unit_scales_the_shift(unit: float, units_moved: float, doubted: bool) -> None:
+    moved = se3.exp([units_moved, 0, 0, 0, 0, 0])
+    assert (aligned_doubt(cam_from_world=moved, tolerance_unit=unit) is not None) == doubted
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "unit", "doubted"),
+    [
+        ([0.09, 0.01, 0.01, 0.01, 0.01, 0.05], 1.0, False),
+        ([0.01, 0.11, 0.01, 0.01, 0.01, 0.01], 1.0, True),
+        ([0.01, 0.11, 0.01, 0.01, 0.01, 0.01], 0.5, False),
+        ([0.01, 0.01, 0.01, 0.01, 0.06, 0.01], 0.5, True),
+    ],
+)
+def test_a_pose_that_is_not_determined_is_doubted(
+    sigmas: list[float], unit: float, doubted: bool
+) -> None:
+    changes: dict[str, Any] = {"covariance": np.diag(np.square(sigmas)), "tolerance_unit": unit}
+    unsure = replace(COARSE, covariance=None)
+    by_both = doubt_about_aligned(unsure, replace(ALIGNED, **changes), SETTINGS, FUSION)
+    for doubt in (by_both, tracked_doubt(**changes)):
+        assert (doubt is not None and "does not determine the pose" in doubt) == doubted
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"agreement": 0.45}, "0.50 needed"),
+        ({"converged": False}, "did not converge"),
+        ({"cam_from_world": se3.exp([0.09, 0, 0, 0, 0, 0])}, "left the prior by 0.090"),
+        ({"cam_from_world": se3.exp([0, 0, 0, 0.08, 0, 0])}, "left the prior"),
+        ({"overlap": 0.1}, "only 10% of the photo"),
+        ({"covariance": None, "reason": "nothing to see"}, "nothing to see"),
+    ],
+)
+def test_tracking_needs_more(changes: dict[str, Any], reason: str) -> None:
+    assert tracked_doubt() is None
+    doubt = tracked_doubt(**changes)
+    assert doubt is not None
+    assert reason in doubt
+
+
+@given(
+    hnp.arrays(
+        np.float64,
+        st.tuples(st.integers(0, 40), st.just(2)),
+        elements=st.floats(0, 480, exclude_max=True),
+    )
+)
+def test_spread_counts_cells(pixels: NDArray[np.float64]) -> None:
+    cells = {(int(u // 160), int(v // 120)) for u, v in pixels}
+    assert inlier_spread(pixels, CAMERA) == len(cells) / 16.0
+
+
+def test_spread_of_pixels_on_the_border() -> None:
+    """Pixels may lie on the outermost border, or a little outside, and are counted there."""
+    corners = np.array([[0.0, 0.0], [640.0, 480.0], [-0.3, 480.2], [640.4, -0.1]])
+    assert inlier_spread(corners, CAMERA) == 4 / 16.0
+
+
+def test_an_alignment_that_determines_nothing_contradicts_nothing() -> None:
+    """Then the matches decide, if they are twice as sure as needed."""
+    far = se3.exp([0.4, 0, 0, 0, 0, 0])
+    lost = {"cam_from_world": far, "covariance": 4.0 * np.eye(6)}
+    assert aligned_doubt(**lost) is None
+    unsure = replace(COARSE, covariance=np.diag([0.03**2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6]))
+    doubt = doubt_about_aligned(unsure, replace(ALIGNED, **lost), SETTINGS, FUSION)  # type: ignore[arg-type]
+    assert doubt is not None
+    assert "does not determine the pose" in doubt
+    assert doubt_about_aligned(unsure, ALIGNED, SETTINGS, FUSION) is None

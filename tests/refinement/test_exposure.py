@@ -1,0 +1,64 @@
+"""Photos whose brightest parts are clipped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
+
+from gscpe.geometry import pose_difference, se3
+from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
+from gscpe.refinement import loop as refinement_loop
+from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
+from gscpe.scene import Photo
+
+CAMERA = room_camera(240, 180)
+CLIPPING = ClippingSettings()
+SHOT = room().shoot(CAMERA, ROOM_POSE)
+RENDER = SHOT.rgb.astype(np.float32)
+SHOWN = np.ones(SHOT.depth.shape, dtype=bool)
+
+
+def taken(gain: float, bias: float = 0.0) -> NDArray[np.uint8]:
+    return np.rint(255 * np.clip(gain * SHOT.rgb + bias, 0, 1)).astype(np.uint8)
+
+
+def test_what_is_clipped() -> None:
+    assert not is_clipped(taken(1.0), CLIPPING)
+    assert is_clipped(taken(2.0), CLIPPING)
+
+
+@pytest.mark.parametrize(("gain", "bias"), [(0.6, 0.1), (1.0, 0.0), (1.6, -0.05), (2.5, 0.0)])
+def test_exposure_is_found_whatever_is_clipped(gain: float, bias: float) -> None:
+    photo = taken(gain, bias)
+    found = fit_exposure(RENDER, photo, SHOWN, CLIPPING)
+    assert found is not None
+    # Means of blocks that are clipped in part are a little darker.
+    assert found[0] == pytest.approx(gain, rel=0.08)
+    assert found[1] == pytest.approx(bias, abs=0.04)
+    exposed = expose(RENDER, gain, bias)
+    np.testing.assert_allclose(exposed, photo / 255.0, atol=0.5 / 255 + 1e-6)
+
+
+def test_no_exposure_without_a_picture() -> None:
+    assert fit_exposure(RENDER, taken(1.0), ~SHOWN, CLIPPING) is None
+
+
+def test_a_clipped_photo_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
+    photo = taken(1.9)
+    start = se3.exp([0.02, -0.015, 0.02, 0.008, -0.01, 0.01]) @ ROOM_POSE
+
+    def refine() -> RefinementResult:
+        renderer = RayCastRenderer(room())
+        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings(), 1.0)  # type: ignore[arg-type]
+
+    result = refine()
+    assert result.cam_from_world is not None
+    assert result.gain == pytest.approx(1.9, rel=0.06)
+    error = pose_difference(result.cam_from_world, ROOM_POSE)
+    assert error.distance < 1e-3
+    monkeypatch.setattr(refinement_loop, "is_clipped", lambda *_: False)
+    plain = refine()
+    if plain.cam_from_world is not None:
+        assert pose_difference(plain.cam_from_world, ROOM_POSE).distance > 2 * error.distance

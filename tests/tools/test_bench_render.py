@@ -1,0 +1,57 @@
+"""The yardstick of tools/bench_render.py draws the same picture, and its scenes grow."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import random_scene, simple_camera
+
+from gscpe.render import Renderer
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Any:
+    if not TOOLS.is_dir():
+        pytest.skip("there are no tools beside the tests")
+    monkeypatch.syspath_prepend(str(TOOLS))
+    return importlib.import_module("bench_render")
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_plain_quads_draw_the_same(degree: int, bench: Any, rng: np.random.Generator) -> None:
+    scene, camera = random_scene(rng, 400, degree), simple_camera()
+    plain = bench.PlainQuads(scene)
+    view = plain.render(camera, np.eye(4))
+    plain.close()
+    with Renderer(scene, "gl") as renderer:
+        expected = renderer.render(camera, np.eye(4))
+    np.testing.assert_allclose(view.rgb, expected.rgb, atol=1 / 255)
+    np.testing.assert_allclose(view.depth, expected.depth, atol=1e-3)
+
+
+@pytest.mark.parametrize("count", [50, 100, 730])
+def test_tiled_scenes_have_the_count(count: int, bench: Any, rng: np.random.Generator) -> None:
+    scene = random_scene(rng, 100, 1)
+    larger = bench.tiled(scene, count)
+    assert len(larger) == count
+    assert len(np.unique(larger.means, axis=0)) == count
+
+
+def test_plot(bench: Any, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    cases = {
+        (count, backend): bench.Case(count / 1e4, count, 100.0)
+        for count in bench.COUNTS
+        for backend in ("cpu", "gl")
+    }
+    sizes = {size: {"gl": size[0] / 2, "cpu": size[0] / 9} for size in bench.SIZES}
+    bench.plot(cases, sizes, tmp_path / "images" / "growth.png")
+    data = (tmp_path / "images" / "growth.png").read_bytes()
+    assert data.startswith(b"\x89PNG")
+    assert len(data) < 80_000
