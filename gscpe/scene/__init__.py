@@ -4,6 +4,7 @@ from gscpe.scene.exif import camera_from_exif
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
 from gscpe.scene.map_folder import open_map, save_map
+from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.photo import Photo, luminance, read_image, to_photo, to_uint8, write_image
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
 from gscpe.scene.splat_file import read_splat
@@ -14,6 +15,7 @@ __all__ = [
     "GaussianScene",
     "GlobalDescriptors",
     "Map",
+    "MapFrame",
     "Photo",
     "References",
     "camera_from_exif",

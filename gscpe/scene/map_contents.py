@@ -19,6 +19,7 @@ from gscpe.errors import MapError, OutputError
 from gscpe.geometry.camera import Camera
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
+from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
 from gscpe.scene.splat_file import read_splat
 from gscpe.scene.spz import best_exponent, encode_spz
@@ -60,25 +61,25 @@ def from_contents(contents: Mapping[str, bytes], folder: Path) -> Map:
         Exception: whatever parsers raise where a file is damaged.
     """
     load = _load_plain if _GAUSSIANS in contents else _load_compressed
-    scene, metres_per_unit = load(contents, folder)
+    scene, frame = load(contents, folder)
     return Map(
         scene=scene,
         references=_references_from_json(contents[_REFERENCES]),
         descriptors=_retrieval_from_npz(contents[_RETRIEVAL]),
-        metres_per_unit=metres_per_unit,
+        frame=frame,
     )
 
 
 def _plain_gaussians(map_: Map) -> dict[str, bytes]:
     arrays = {name: getattr(map_.scene, name) for name in _SCENE_ARRAYS}
     arrays["antialiased"] = np.array(map_.scene.antialiased)
-    arrays["metres_per_unit"] = np.array(map_.metres_per_unit or np.nan)
+    arrays["near"] = np.array(map_.scene.near)
+    arrays["frame"] = np.array(json.dumps(_frame_to_data(map_.frame)))
     return {_GAUSSIANS: _npz(arrays)}
 
 
-def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, float | None]:
+def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
     gaussians = _load_npz(contents[_GAUSSIANS])
-    unit = float(gaussians["metres_per_unit"])
     scene = GaussianScene(
         means=gaussians["means"],
         quaternions=gaussians["quaternions"],
@@ -86,8 +87,26 @@ def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianSc
         opacities=gaussians["opacities"],
         sh=gaussians["sh"],
         antialiased=bool(gaussians["antialiased"]),
+        near=float(gaussians["near"]),
     )
-    return scene, None if np.isnan(unit) else unit
+    return scene, _frame_from_data(json.loads(str(gaussians["frame"])))
+
+
+def _frame_to_data(frame: MapFrame) -> dict[str, Any]:
+    return {
+        "origin": frame.origin.tolist(),
+        "scale": frame.scale,
+        "metres_per_unit": frame.metres_per_unit,
+    }
+
+
+def _frame_from_data(data: Mapping[str, Any]) -> MapFrame:
+    unit = data["metres_per_unit"]
+    return MapFrame(
+        origin=np.array(data["origin"], dtype=np.float64),
+        scale=float(data["scale"]),
+        metres_per_unit=None if unit is None else float(unit),
+    )
 
 
 def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
@@ -96,15 +115,17 @@ def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
         spz = encode_spz(map_.scene, exponent)
     except OutputError as error:
         raise OutputError(f"the map cannot be compressed ({error}); save it plain") from None
-    rest = {"factor": 2.0**exponent, "metres_per_unit": map_.metres_per_unit}
+    rest = {
+        "factor": 2.0**exponent,
+        "near": map_.scene.near,
+        "frame": _frame_to_data(map_.frame),
+    }
     return {_SPZ: spz, _SPZ_FACTOR: json.dumps(rest).encode()}
 
 
-def _load_compressed(
-    contents: Mapping[str, bytes], folder: Path
-) -> tuple[GaussianScene, float | None]:
+def _load_compressed(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
     rest = json.loads(contents[_SPZ_FACTOR])
-    factor, unit = float(rest["factor"]), rest["metres_per_unit"]
+    factor = float(rest["factor"])
     if not 0 < factor < np.inf:
         raise MapError(f"the factor of the coordinates is {factor}")
     scene = read_splat(folder / _SPZ)
@@ -113,8 +134,9 @@ def _load_compressed(
             scene,
             means=np.asarray(scene.means / factor, dtype=np.float32),
             scales=np.asarray(scene.scales / factor, dtype=np.float32),
+            near=float(rest["near"]),
         )
-    return scene, None if unit is None else float(unit)
+    return scene, _frame_from_data(rest["frame"])
 
 
 def _npz(arrays: Mapping[str, NDArray[Any]]) -> bytes:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gscpe.arrays import Float32Array
+from gscpe.arrays import Float32Array, Float64Array
 from gscpe.errors import SplatError
-from gscpe.scene.gaussians import GaussianScene, normalized_quaternions
+from gscpe.scene.gaussians import GaussianScene, far_origin, normalized_quaternions
 from gscpe.scene.ply_bytes import ANTIALIASED_COMMENT
 from gscpe.scene.splat_formats import COMPRESSED_PLY, FORMATS, to_ply
 
@@ -42,16 +42,16 @@ def read_splat(path: str | Path) -> GaussianScene:
     vertices = _parse_ply(data, path)
     names = vertices.dtype.names or ()
 
-    def columns(*wanted: str) -> Float32Array:
+    def columns(*wanted: str, dtype: type[Any] = np.float32) -> NDArray[Any]:
         missing = [name for name in wanted if name not in names]
         if missing:
             raise SplatError(
                 f"{path} is a PLY but not a Gaussian splat: it has no {', '.join(missing)}; "
                 "export the trained splat, not a point cloud or a mesh"
             )
-        return np.stack([np.asarray(vertices[name], dtype=np.float32) for name in wanted], axis=1)
+        return np.stack([np.asarray(vertices[name], dtype=dtype) for name in wanted], axis=1)
 
-    means = columns("x", "y", "z")
+    means, origin = _near_an_origin(columns("x", "y", "z", dtype=np.float64))
     log_scales = columns("scale_0", "scale_1", "scale_2")
     quaternions = columns("rot_0", "rot_1", "rot_2", "rot_3")
     opacity_logits = columns("opacity")[:, 0]
@@ -75,9 +75,23 @@ def read_splat(path: str | Path) -> GaussianScene:
                 opacities=np.asarray(1.0 / (1.0 + np.exp(-opacity_logits)), dtype=np.float32),
                 sh=sh,
                 antialiased=antialiased,
+                origin=origin,
             )
     except SplatError as error:
         raise SplatError(f"{path}: {error}") from None
+
+
+def _near_an_origin(means: Float64Array) -> tuple[Float32Array, Float64Array]:
+    """Means as float32, (N, 3), relative to an origin, (3,): zero, unless the scene is so far from
+    it (UTM) that float32 would lose what matters."""
+    finite = means[np.isfinite(means).all(axis=1)]
+    origin = np.zeros(3)
+    if len(finite):
+        middle = np.median(finite, axis=0)
+        spread = float(np.median(np.linalg.norm(finite - middle, axis=1)))
+        origin = far_origin(middle, spread)
+    with np.errstate(over="ignore"):  # GaussianScene reports what is infinite
+        return (means - origin).astype(np.float32), origin
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -122,9 +136,9 @@ def _parse_ply(data: bytes, path: Path) -> NDArray[np.void]:
 
 def _rows(columns: dict[str, NDArray[Any]], count: int) -> NDArray[np.void]:
     """A structured array of columns of this length; ValueError where they have another."""
-    rows = np.empty(count, dtype=[(name, np.float32) for name in columns])
+    rows = np.empty(count, dtype=[(name, np.float64) for name in columns])
     for name, column in columns.items():
-        rows[name] = column.astype(np.float32).reshape(count)
+        rows[name] = column.reshape(count)
     return rows
 
 

@@ -18,7 +18,8 @@ _ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".s
 def write_splat(scene: GaussianScene, path: str | Path) -> None:
     """Writes a splat; the ending names the format. An older file is replaced at the end.
 
-    ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding.
+    ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding;
+    the coordinates in double precision where the scene has an origin far away.
     ``.spz``: about a tenth of the size, through gaussforge; what rounding costs stands at
     :func:`gscpe.scene.spz.encode_spz`. Coordinates and axes stay as they are, and the
     antialiased tag is written in both.
