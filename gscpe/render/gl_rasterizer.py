@@ -121,13 +121,14 @@ class GlRasterizer:
                 targets = self._targets_for(context, camera.width, camera.height)
                 count = self._sort(camera, cam_from_world)
                 self._project(count, camera, cam_from_world)
-                colour, moments = self._splat(context, targets, count, camera)
+                self._draw(context, targets, count, camera)
+                view = self._read(targets, camera, cam_from_world)
             except moderngl.Error as error:
                 raise RenderError(
                     f"OpenGL failed to render: {error} ({self.driver.renderer})"
                 ) from error
             check_errors(context, f"rendering {camera.width}x{camera.height} pixels")
-        return _to_view(colour, moments, camera, cam_from_world)
+        return view
 
     def _sort(self, camera: Camera, cam_from_world: Float64Array) -> int | None:
         """Puts the draw order in place; returns its length where it is known here."""
@@ -181,9 +182,9 @@ class GlRasterizer:
             "cam_from_world": [tuple(row) for row in cam_from_world[:3]],
         }
 
-    def _splat(
+    def _draw(
         self, context: moderngl.Context, targets: ImageTargets, count: int | None, camera: Camera
-    ) -> tuple[Float32Array, Float32Array]:
+    ) -> None:
         program = self._splat_program
         for unit, name in enumerate(("ellipses", "extents", "colours")):
             self._projection.textures[unit].use(unit)
@@ -191,7 +192,12 @@ class GlRasterizer:
         program["image_size"].value = (camera.width, camera.height)
         targets.clear_and_use()
         self._draw_quads(context, count)
-        return targets.read()
+
+    def _read(
+        self, targets: ImageTargets, camera: Camera, cam_from_world: Float64Array
+    ) -> RenderedView:
+        colour, moments = targets.read()
+        return _to_view(colour, moments, camera, cam_from_world)
 
     def _draw_quads(self, context: moderngl.Context, count: int | None) -> None:
         context.enable_only(moderngl.BLEND)
