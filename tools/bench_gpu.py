@@ -40,7 +40,11 @@ STAGES = {
     "_project": "project",
     "_draw": "draw",
     "_read": "read back",
+    "project": "project, list by tile",
+    "composite": "composite",
+    "read": "read back",
 }
+"""By method, of the rasterizer and of its tiles."""
 
 
 def main() -> int:
@@ -120,7 +124,10 @@ def ways(scene: GaussianScene) -> dict[str, GlRasterizer]:
     """The rasterizers with OpenGL that this driver can run."""
     found = {"sorted by NumPy, blended": GlRasterizer(scene, gpu_sort=False)}
     try:
-        found["sorted by compute shaders, blended"] = GlRasterizer(scene, gpu_sort=True)
+        found["sorted by compute shaders, blended"] = GlRasterizer(
+            scene, gpu_sort=True, tiles=False
+        )
+        found["all by compute shaders"] = GlRasterizer(scene, gpu_sort=True)
     except RenderError as error:
         print(f"no compute shaders: {error}")
     return found
@@ -206,8 +213,10 @@ def staged(gl: GlRasterizer, poses: Float64Array, seconds: float) -> dict[str, l
 
         return run
 
-    for name in STAGES:
-        setattr(gl, name, timed(name, getattr(gl, name)))
+    for holder in (gl, gl._tiles):
+        for name in STAGES:
+            if hasattr(holder, name):
+                setattr(holder, name, timed(name, getattr(holder, name)))
     sample(lambda pose: gl.render(CAMERA, pose), poses, seconds)
     return times
 

@@ -50,7 +50,7 @@ if command -v nvidia-smi >/dev/null; then
 fi
 section "Doctor" 60 "$python" -m gscpe doctor
 section "Pictures against the NumPy compositor" 60 bash -o pipefail -c 'tests renderer absurd_splats'
-section "Order and pictures of the compute shaders" 60 bash -o pipefail -c 'tests gpu_sort'
+section "Order and pictures of the compute shaders" 60 bash -o pipefail -c 'tests gpu_sort gpu_tiles'
 section "Lifetime, threads, processes" 90 bash -o pipefail -c 'tests renderer_lifetime renderer_processes'
 section "OpenGL against the CPU rasterizer" 60 "$python" tools/bench_gpu.py agree ${splat:+"$splat"}
 section "A frame at 640x480" 60 "$python" tools/bench_gpu.py frame ${splat:+"$splat"}
