@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """The figures of tools/bench_gpu.sh: whether OpenGL and the CPU draw the same, what a frame costs
-and where its time goes, one query.
+and where its time goes, queries, tracking.
 
-Usage: .venv/bin/python tools/bench_gpu.py {agree,frame,query} [MAP_OR_PLY] [--photo PHOTO]
+Usage: .venv/bin/python tools/bench_gpu.py {agree,frame,query,track} [MAP_OR_PLY] [--photo PHOTO]
 
 Without a map, a made-up splat of 200 000 Gaussians. Exit status 1: something is not as it must be.
 """
@@ -38,8 +38,10 @@ DEPTH_LIMIT = 1e-3
 STAGES = {
     "_sort": "cull and sort",
     "_project": "project",
-    "_draw": "draw",
+    "_draw": "blend",
     "_read": "read back",
+}
+TILE_STAGES = {
     "project": "project, list by tile",
     "composite": "composite",
     "read": "read back",
@@ -49,13 +51,15 @@ STAGES = {
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("agree", "frame", "query"))
+    parser.add_argument("what", choices=("agree", "frame", "query", "track"))
     parser.add_argument("splat", type=Path, nargs="?", help="map folder, or .ply")
     parser.add_argument("--photo", type=Path, action="append", default=[], help="for query")
     parser.add_argument("--seconds", type=float, default=5.0, help="for frame: time to spend")
     options = parser.parse_args()
     if options.what == "query":
         return query(options.splat, options.photo)
+    if options.what == "track":
+        return track(options.splat)
     scene, poses = load(options.splat) if options.splat else made_up()
     print(f"{len(scene)} Gaussians, harmonics of degree {scene.sh_degree}, {len(poses)} views")
     return agree(scene, poses) if options.what == "agree" else frame(scene, poses, options.seconds)
@@ -103,8 +107,7 @@ def agree(scene: GaussianScene, poses: Float64Array) -> int:
         colours = np.abs([a.rgb - b.rgb for a, b in zip(views, expected, strict=True)])
         worst, colour = float(colours.max()), float(np.quantile(colours, 0.9999))
         opacity = max(
-            float(np.abs(a.opacity - b.opacity).max())
-            for a, b in zip(views, expected, strict=True)
+            float(np.abs(a.opacity - b.opacity).max()) for a, b in zip(views, expected, strict=True)
         )
         depth = max(
             float(np.quantile((np.abs(a.depth - b.depth) / b.depth)[b.opacity > 0.5], 0.999))
@@ -113,9 +116,14 @@ def agree(scene: GaussianScene, poses: Float64Array) -> int:
         print(
             f"| {name} | {255 * worst:.2f}/255 | {255 * colour:.2f}/255 | "
             f"{255 * opacity:.2f}/255 | {depth:.1e} | "
-            f"{ {True: 'yes', False: 'NO', None: '-'}[same_order]} |"
+            f"{ {True: 'yes', False: 'NO', None: '-'}[same_order] } |"
         )
-        fine &= colour <= COLOUR_LIMIT and worst <= 4 * COLOUR_LIMIT and opacity <= 0.01 and depth <= DEPTH_LIMIT
+        fine &= (
+            colour <= COLOUR_LIMIT
+            and worst <= 4 * COLOUR_LIMIT
+            and opacity <= 0.01
+            and depth <= DEPTH_LIMIT
+        )
         fine &= same_order is not False
     return 0 if fine else 1
 
@@ -133,9 +141,7 @@ def ways(scene: GaussianScene) -> dict[str, GlRasterizer]:
     return found
 
 
-def gpu_order_is_right(
-    gl: GlRasterizer, scene: GaussianScene, poses: Float64Array
-) -> bool | None:
+def gpu_order_is_right(gl: GlRasterizer, scene: GaussianScene, poses: Float64Array) -> bool | None:
     """Whether the compute shaders' order holds NumPy's Gaussians, in NumPy's order.
 
     When culling, half a pixel outside the image, they may round otherwise: one in 10 000.
@@ -159,20 +165,26 @@ def gpu_order_is_right(
 
 def frame(scene: GaussianScene, poses: Float64Array, seconds: float) -> int:
     """Whole frames, pose in and arrays out; then stage by stage, each waited for."""
+    begin = time.perf_counter()
     gl = GlRasterizer(scene)
-    print(f"{gl.description}, 640x480")
+    gl.render(CAMERA, poses[0])
+    print(f"{gl.description}, 640x480; ready after {time.perf_counter() - begin:.2f} s")
     print()
     whole = sample(lambda pose: gl.render(CAMERA, pose), poses, seconds)
     by_stage = staged(gl, poses, seconds)
     gl.close()
     print("| | ms, median | 90% |")
     print("|---|---|---|")
-    print(f"| a frame, read back, sort included | {statistics.median(whole):.2f} | {p90(whole):.2f} |")
+    print(
+        f"| a frame, read back, sort included | {statistics.median(whole):.2f} | {p90(whole):.2f} |"
+    )
     for stage, values in by_stage.items():
         print(f"| - {stage}, alone | {statistics.median(values):.2f} | {p90(values):.2f} |")
     print()
     median, software = statistics.median(whole), gl.driver.is_software
-    print(f"goal: {GOAL_MS:.0f} ms; {'software, so no verdict' if software else f'{median:.2f} ms'}")
+    print(
+        f"goal: {GOAL_MS:.0f} ms; {'software, so no verdict' if software else f'{median:.2f} ms'}"
+    )
     return 0 if software or median <= GOAL_MS else 1
 
 
@@ -202,21 +214,20 @@ def staged(gl: GlRasterizer, poses: Float64Array, seconds: float) -> dict[str, l
     context = gl._context
     assert context is not None
 
-    def timed(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+    def timed(stage: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def run(*args: Any, **options: Any) -> Any:
             context.finish()
             begin = time.perf_counter()
             result = call(*args, **options)
             context.finish()
-            times[STAGES[name]].append(1000.0 * (time.perf_counter() - begin))
+            times[stage].append(1000.0 * (time.perf_counter() - begin))
             return result
 
         return run
 
-    for holder in (gl, gl._tiles):
-        for name in STAGES:
-            if hasattr(holder, name):
-                setattr(holder, name, timed(name, getattr(holder, name)))
+    for holder, stages in ((gl, STAGES), (gl._tiles, TILE_STAGES)):
+        for name, stage in stages.items() if holder is not None else ():
+            setattr(holder, name, timed(stage, getattr(holder, name)))
     sample(lambda pose: gl.render(CAMERA, pose), poses, seconds)
     return times
 
@@ -228,10 +239,10 @@ def query(folder: Path | None, photos: list[Path]) -> int:
         print("skipped: give a map, and a photo or GSCPE_DATA")
         return 0
     truth = read_poses(data / "truth.txt") if data.is_dir() else {}
-    cameras = (
-        {q.name: q.camera for q in read_query_list(data / "queries.txt")} if truth else {}
-    )
-    photos = photos or sorted((data / "queries").iterdir())[:5]
+    cameras = {q.name: q.camera for q in read_query_list(data / "queries.txt")} if truth else {}
+    if not photos:
+        photos = sorted((data / "queries").iterdir())
+        photos = photos[:: max(1, len(photos) // 5)][:5]
     found = 0
     with Localizer(open_map(folder)) as localizer:
         print(f"rendered by {localizer.renderer_description}")
@@ -255,6 +266,41 @@ def query(folder: Path | None, photos: list[Path]) -> int:
                 f"{seconds:.2f} | {stages} |"
             )
     return 0 if found == len(photos) else 1
+
+
+def track(folder: Path | None) -> int:
+    """The first photos of GSCPE_DATA as a video, each from the pose of the one before."""
+    data = Path(os.environ.get("GSCPE_DATA", "/nowhere")) / "redkitchen"
+    if folder is None or not data.is_dir():
+        print("skipped: give a map, and GSCPE_DATA")
+        return 0
+    truth = read_poses(data / "truth.txt")
+    queries = [
+        q for q in read_query_list(data / "queries.txt") if (data / "queries" / q.name).exists()
+    ]
+    queries = queries[:10]
+    seconds, errors = [], []
+    with Localizer(open_map(folder)) as localizer:
+        before = None
+        for query in queries:
+            image = read_image(data / "queries" / query.name)
+            begin = time.perf_counter()
+            result = localizer.localize(image, query.camera, prior=before)
+            seconds.append(time.perf_counter() - begin)
+            before = result if result.localized else None
+            if result.cam_from_world is not None:
+                errors.append(pose_difference(result.cam_from_world, truth[query.name]))
+    if len(queries) < 2:
+        print("skipped: there are no photos in a row")
+        return 0
+    cm = [100 * e.distance for e in errors]
+    degrees = [e.degrees for e in errors]
+    print(
+        f"{len(errors)} of {len(queries)} photos localized; "
+        f"{1 / statistics.median(seconds[1:]):.1f} a second after the first; "
+        f"median {np.median(cm):.2f} cm / {np.median(degrees):.3f}°, worst {max(cm):.2f} cm"
+    )
+    return 0 if len(errors) == len(queries) else 1
 
 
 if __name__ == "__main__":

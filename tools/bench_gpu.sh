@@ -57,6 +57,7 @@ section "A frame at 640x480" 60 "$python" tools/bench_gpu.py frame ${splat:+"$sp
 if [ -n "$splat" ]; then
     section "Render table" 90 "$python" tools/bench_render.py "$splat" --repeats 3
     section "Query" 60 "$python" tools/bench_gpu.py query "$splat" "${photos[@]}"
+    section "Tracking" 60 "$python" tools/bench_gpu.py track "$splat"
 fi
 printf '\n%s\n' "$([ $failed -eq 0 ] && echo 'All sections passed.' || echo "$failed sections FAILED.") $SECONDS s in all."
 exit $failed

@@ -54,8 +54,6 @@ class PlainQuads(GlRasterizer):
             if name in self._splat_program:
                 self._splat_program[name].value = value
 
-    def _draw(
-        self, context: Any, targets: ImageTargets, count: int | None, camera: Camera
-    ) -> None:
+    def _draw(self, context: Any, targets: ImageTargets, count: int | None, camera: Camera) -> None:
         targets.clear_and_use()
         self._draw_quads(context, count)
