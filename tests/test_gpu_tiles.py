@@ -82,7 +82,8 @@ def test_needles(way: str, rng: np.random.Generator) -> None:
 
 def test_small_gaussians_are_where_they_are(way: str) -> None:
     """A Gaussian of the low-pass alone: its alpha at each pixel to a thousandth, wherever it
-    lies between the pixels. (Interpolated from the corners of a quad, GPUs are 1% off.)"""
+    lies between the pixels. (Not so where a GPU interpolates it
+    from the snapped corners of a quad.)"""
     camera = Camera.pinhole(40, 30, fx=300.0, fy=300.0, cx=20.0, cy=15.0)
     for x, y in ((20.0, 15.0), (20.37, 15.11), (20.501, 14.743), (3.127, 28.913)):
         scene = GaussianScene(

@@ -4,7 +4,7 @@ and where its time goes, queries, tracking.
 
 Usage: .venv/bin/python tools/bench_gpu.py {agree,frame,query,track} [MAP_OR_PLY] [--photo PHOTO]
 
-Without a map, a made-up splat of 200 000 Gaussians. Exit status 1: something is not as it must be.
+Without a map, a made-up splat of 50 000 Gaussians. Exit status 1: something is not as it must be.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def main() -> int:
 def made_up() -> tuple[GaussianScene, Float64Array]:
     """Gaussians of all sizes in front of the origin, degree 3, and the pose there."""
     rng = np.random.default_rng(5)
-    count = 200_000
+    count = 50_000
     depth = rng.uniform(1.0, 5.0, count)
     quaternions = rng.normal(size=(count, 4))
     sh = rng.normal(0.0, 0.05, (count, 16, 3))
