@@ -14,7 +14,7 @@ from gscpe.evaluation.pictures import depth_picture
 from gscpe.geometry.camera import Camera
 from gscpe.render import Renderer
 from gscpe.scene import open_map, write_image
-from gscpe.scene.pose_file import parse_pose
+from gscpe.scene.poses.hloc import parse_pose
 
 
 def add_parser(commands: Commands) -> None:

@@ -7,7 +7,7 @@ from typing import Any, Literal, Mapping
 
 from gscpe.arrays import Float64Array
 from gscpe.evaluation.metrics import Evaluation, evaluate
-from gscpe.scene.pose_file import parse_pose
+from gscpe.scene.poses.hloc import parse_pose
 
 Stage = Literal["coarse", "aligned", "final"]
 

@@ -7,7 +7,7 @@ from typing import Any, Mapping
 from gscpe.arrays import Float64Array
 from gscpe.evaluation import SceneRun, Stage
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
-from gscpe.scene.pose_file import parse_pose
+from gscpe.scene.poses.hloc import parse_pose
 
 STAGES: tuple[Stage, ...] = ("coarse", "aligned", "final")
 

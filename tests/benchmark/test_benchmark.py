@@ -24,7 +24,7 @@ from gscpe.evaluation import evaluate
 from gscpe.geometry import Camera, se3
 from gscpe.mapping import scene_from_rgbd
 from gscpe.scene import write_image, write_splat
-from gscpe.scene.pose_file import format_pose, read_poses
+from gscpe.scene.poses.hloc import format_pose, read_poses
 
 FOCAL = 205.0
 CAMERA = Camera.pinhole(240, 180, fx=FOCAL, fy=FOCAL, cx=120, cy=90)

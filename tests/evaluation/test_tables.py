@@ -20,7 +20,7 @@ from gscpe.evaluation.runtime_table import runtime_table
 from gscpe.evaluation.table import Table, to_json, to_latex, to_markdown, to_text
 from gscpe.evaluation.tables import benchmark_tables, write_tables
 from gscpe.geometry import se3
-from gscpe.scene.pose_file import format_pose
+from gscpe.scene.poses.hloc import format_pose
 
 Poses = dict[str, NDArray[np.float64]]
 

@@ -32,7 +32,7 @@ from gscpe.report.ground_plane import choose_ground_plane
 from gscpe.report.markup import Markup, element
 from gscpe.report.query_pictures import draw_query
 from gscpe.report.selection import select_queries
-from gscpe.scene.pose_file import format_pose, parse_pose
+from gscpe.scene.poses.hloc import format_pose, parse_pose
 
 VOID = {"meta", "img", "input", "br", "link", "hr"}
 MATCHER = SiftMatcher()
