@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from gscpe.cli.common import Commands, add_backend, add_matcher, print_json, show_progress
-from gscpe.evaluation.demo import DemoReport, run_demo
+from gscpe.demo import DemoReport, run_demo
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.scene.poses.hloc import format_pose
 

@@ -1,4 +1,4 @@
-"""Errors against known poses, tables, and data with known answers."""
+"""Errors against known poses, and tables of them."""
 
 from gscpe.evaluation.metrics import THRESHOLDS, Evaluation, evaluate, normalized_error_squared
 from gscpe.evaluation.scene_run import SceneRun, Stage

@@ -12,12 +12,12 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array, UInt8Array
 from gscpe.coarse.lift import lift
 from gscpe.errors import InputError
-from gscpe.evaluation.pictures import depth_picture, difference_picture
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer
 from gscpe.matching import Matcher, Matches
 from gscpe.refinement.visibility import surface_mask, visibility_mask
 from gscpe.render import RenderedView
+from gscpe.render.pictures import depth_picture, difference_picture
 from gscpe.report.query_errors import shown_pose
 from gscpe.report.settings import ReportSettings
 from gscpe.scene import luminance, read_image, to_photo, to_uint8
