@@ -179,6 +179,27 @@ def test_light_and_dark(browser: Any, scheme: str) -> None:
     assert (paper > 600 and ink < 200) if scheme == "light" else (paper < 150 and ink > 500)
 
 
+@pytest.mark.parametrize("width", [400, 1400])
+def test_labels_of_plots_are_not_cut(browser: Any, width: int) -> None:
+    """At either width, which set two sizes of letters; the last tick's label was cut."""
+    size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        script = """
+            return [...document.querySelectorAll("svg.plot text")].map(text => {
+                const inner = text.getBoundingClientRect();
+                const outer = text.closest("svg").getBoundingClientRect();
+                return [inner.left - outer.left, inner.top - outer.top,
+                        outer.right - inner.right, outer.bottom - inner.bottom];
+            });
+        """
+        spaces = browser.execute_script(script)
+        assert len(spaces) > 15
+        assert min(map(min, spaces)) >= 0
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
 def test_nothing_sticks_out_on_a_phone(browser: Any) -> None:
     size = {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": True}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
