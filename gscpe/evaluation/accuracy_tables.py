@@ -58,11 +58,12 @@ def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
     theirs = list(_published_rows(scenes)) if _is_the_papers(truth, runs) else []
     if theirs:
         notes.append(f"published: {published.METHOD}, {published.SOURCE}")
+    unit = "map units" if all(run.metres_per_unit is None for run in runs) else "cm"
     keys = (*STAGES, *("published" for _ in theirs))
     rows += [row for row, _ in theirs]
     records += [record for _, record in theirs]
     return Table(
-        f"{dataset}, ground truth {truth}: median position (cm) / rotation (°)",
+        f"{dataset}, ground truth {truth}: median position ({unit}) / rotation (°)",
         ("", *scenes, *(["average"] if len(runs) > 1 else []), "not localized"),
         tuple(rows),
         tuple(notes),

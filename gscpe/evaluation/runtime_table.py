@@ -75,7 +75,7 @@ def stage_times_table(details: Sequence[Mapping[str, Any]]) -> Table:
         tuple(rows),
         ("over the queries that reached a stage",),
         tuple(records),
-        keys=tuple(ordered),
+        keys=tuple("total" if stage == "total" else "" for stage in ordered),
     )
 
 

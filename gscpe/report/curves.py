@@ -49,8 +49,9 @@ def cumulative_curves(
     if not drawn:
         return Curves(Markup(""), {}, title)
     axis = log_axis(np.concatenate(list(drawn.values())), _LEFT, _RIGHT)
+    after = unit if unit == "°" else f" {unit}"
     medians = {
-        stage: f"{stage}: median {float(np.median(values)):.3g} {unit}"
+        stage: f"{stage}: median {float(np.median(values)):.3g}{after}"
         for stage, values in drawn.items()
     }
     curves = [_curve(stage, values, queries, axis) for stage, values in drawn.items()]

@@ -133,7 +133,10 @@ def top_view(
         alone = [final[n] for n in unknown]
         layers.append(_cameras(at(alone), looking(alone), "final"))
     layers.append(_scale_bar(frame, run.metres_per_unit))
-    counts = f"{len(references)} reference photos and {len(drawn)} queries"
+    counts = (
+        f"{len(references)} reference photo{'s' * (len(references) != 1)} and "
+        f"{len(drawn)} {'query' if len(drawn) == 1 else 'queries'}"
+    )
     drawing = element(
         "svg",
         *layers,

@@ -197,6 +197,7 @@ def test_an_unknown_unit(run: SceneRun, localizer: Localizer, folder: Path) -> N
     page = report(replace(run, metres_per_unit=None), localizer, folder, queries=0)
     assert "final position, units" in page.texts
     assert not re.search(r"\d c?m\b", page.text)
+    assert "(cm)" not in page.text
 
 
 def test_what_cannot_be_written(run: SceneRun, localizer: Localizer, folder: Path) -> None:
