@@ -32,7 +32,7 @@ class DemoReport:
         gaussians: in the map that was built.
         true_cam_from_world: (4, 4).
         result: of localizing the right photo.
-        coarse_error, final_error: metres and degrees from the true pose.
+        coarse_error, aligned_error, final_error: metres and degrees from the true pose.
         seconds: wall time by stage, building the map included.
         pictures: what was written, by name.
     """
@@ -42,6 +42,7 @@ class DemoReport:
     true_cam_from_world: Float64Array
     result: LocalizationResult
     coarse_error: PoseDifference
+    aligned_error: PoseDifference
     final_error: PoseDifference
     seconds: dict[str, float]
     pictures: dict[str, Path]
@@ -88,13 +89,15 @@ def run_demo(
             coarse, aligned = result.coarse, result.aligned
             if not result.localized or coarse is None or aligned is None:
                 raise GscpeError(f"the demo photo was not localized: {result.reason}")
-            assert coarse.cam_from_world is not None and result.cam_from_world is not None
+            assert coarse.cam_from_world is not None and aligned.cam_from_world is not None
+            assert result.cam_from_world is not None
             bar.update()
 
             bar.set_description_str("drawing pictures")
             truth = pair.right_from_left
             errors = {
                 "coarse": pose_difference(coarse.cam_from_world, truth),
+                "aligned": pose_difference(aligned.cam_from_world, truth),
                 "final": pose_difference(result.cam_from_world, truth),
             }
             pictures = _write_pictures(localizer, pair, result, errors, Path(output))
@@ -106,6 +109,7 @@ def run_demo(
         true_cam_from_world=truth,
         result=result,
         coarse_error=errors["coarse"],
+        aligned_error=errors["aligned"],
         final_error=errors["final"],
         seconds=seconds | result.seconds,
         pictures=pictures,
