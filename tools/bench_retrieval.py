@@ -51,7 +51,7 @@ from gscpe.retrieval import (
 from gscpe.scene import read_image, read_splat
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.photo import to_uint8
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 
 NEAR, NEAR_DEGREES, OVERLAP = 1.0, 30.0, 0.5
