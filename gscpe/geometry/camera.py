@@ -32,6 +32,8 @@ class Camera:
         fx, fy: focal lengths in pixels.
         cx, cy: principal point in pixels; the centre of the top-left pixel is (0.5, 0.5).
         distortion: empty, or OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6).
+        focal_sigma: standard deviation of the focal lengths, as a share of them; 0 where they are
+            exact. It goes into the covariance of poses.
 
     Raises:
         CameraError: a size or a focal length is not positive, or a number is not finite.
@@ -44,6 +46,7 @@ class Camera:
     cx: float
     cy: float
     distortion: tuple[float, ...] = ()
+    focal_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -55,6 +58,8 @@ class Camera:
             raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 8):
             raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
+        if not 0 <= self.focal_sigma < np.inf:
+            raise CameraError(f"focal_sigma must be 0 or more, not {self.focal_sigma}")
 
     @classmethod
     def pinhole(

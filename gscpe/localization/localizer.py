@@ -150,7 +150,7 @@ class Localizer(Closing):
             best = max(attempts, key=Attempt.rank)
             if best.doubt is None and self._is_sure(best):
                 break
-        return LocalizationResult.of(attempts, frame, self.settings.fusion, clock.seconds())
+        return LocalizationResult.of(attempts, camera, frame, self.settings, clock.seconds())
 
     def _prior_of(self, result: LocalizationResult) -> PosePrior | None:
         """The result of the frame before says where the camera was, some centimetres ago."""

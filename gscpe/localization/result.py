@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Sequence
 
+import numpy as np
+
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
+from gscpe.geometry.camera import Camera
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.border import attempt_in_world
-from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
+from gscpe.localization.fusion import fuse_matches_and_alignment
+from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import StartedFrom
+from gscpe.localization.verification import focal_contradiction
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
 
@@ -29,7 +34,9 @@ class LocalizationResult:
         reason: why not; None when localized.
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
-            map's world units and radians; None when not localized.
+            map's world units and radians; None when not localized. Other than the stages' own, it
+            knows how sure the camera's focal length is, and whether the matches contradict it.
+        camera: that was given, or estimated (``focal_sigma`` is not 0 then).
         best: the attempt that the answer is of; None when there was nowhere to start.
         attempts: all that was tried, in this order.
         seconds: wall time by stage: features, retrieval, coarse, refinement, total.
@@ -39,6 +46,7 @@ class LocalizationResult:
     reason: str | None
     cam_from_world: Float64Array | None
     covariance: Float64Array | None
+    camera: Camera
     best: Attempt | None
     attempts: tuple[Attempt, ...]
     seconds: dict[str, float]
@@ -47,24 +55,26 @@ class LocalizationResult:
     def of(
         cls,
         attempts: Sequence[Attempt],
+        camera: Camera,
         frame: MapFrame,
-        settings: FusionSettings,
+        settings: LocalizerSettings,
         seconds: dict[str, float],
     ) -> LocalizationResult:
         """The best of the attempts, as an answer.
 
         Args:
             attempts: with respect to the map.
+            camera: that was given.
             frame: of the map; the answer is with respect to the world.
-            settings: how matches and alignment are weighed.
+            settings: of fusion and verification.
             seconds: see above.
         """
         best = max(attempts, key=Attempt.rank, default=None)
         if best is None:
-            return cls(False, NO_FEATURES, None, None, None, (), seconds)
+            return cls(False, NO_FEATURES, None, None, camera, None, (), seconds)
         pose = covariance = None
         if best.doubt is None:
-            cam_from_map, in_map_units = _final_pose(best, settings)
+            cam_from_map, in_map_units = _final_pose(best, camera, settings)
             pose, covariance = (
                 frame.cam_from_world(cam_from_map),
                 frame.world_covariance(in_map_units),
@@ -74,6 +84,7 @@ class LocalizationResult:
             reason=best.doubt,
             cam_from_world=pose,
             covariance=covariance,
+            camera=camera,
             best=attempt_in_world(best, frame),
             attempts=tuple(attempt_in_world(attempt, frame) for attempt in attempts),
             seconds=seconds,
@@ -101,18 +112,22 @@ class LocalizationResult:
         return None if self.best is None else self.best.start.reference
 
 
-def _final_pose(attempt: Attempt, settings: FusionSettings) -> tuple[Float64Array, Float64Array]:
+def _final_pose(
+    attempt: Attempt, camera: Camera, settings: LocalizerSettings
+) -> tuple[Float64Array, Float64Array]:
     """Of an attempt that is not doubted: matches and alignment together."""
     coarse, aligned = attempt.coarse, attempt.aligned
     assert aligned is not None
     assert aligned.cam_from_world is not None
     assert aligned.covariance is not None
-    if coarse is None or coarse.cam_from_world is None or coarse.covariance is None:
-        return aligned.cam_from_world, aligned.covariance
-    return fuse_matches_and_alignment(
-        coarse.cam_from_world,
-        coarse.covariance,
-        aligned.cam_from_world,
-        aligned.covariance,
-        settings,
-    )
+    pose, covariance, contradiction = aligned.cam_from_world, aligned.covariance, 0.0
+    if coarse is not None and coarse.cam_from_world is not None and coarse.covariance is not None:
+        pose, covariance = fuse_matches_and_alignment(
+            coarse.cam_from_world, coarse.covariance, pose, covariance, settings.fusion
+        )
+        contradiction = focal_contradiction(coarse, camera)
+    # A wrong focal length moves matches and alignment alike, so it counts after their mean.
+    variance = camera.focal_sigma**2 + contradiction**2
+    if variance > 0 and aligned.by_log_focal is not None:
+        covariance = covariance + variance * np.outer(aligned.by_log_focal, aligned.by_log_focal)
+    return pose, covariance

@@ -27,7 +27,7 @@ from gscpe.refinement.pyramid import (
     photo_pyramid,
 )
 from gscpe.refinement.turned_starts import align_from_turned_starts
-from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
+from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import Renders
 from gscpe.scene import Photo, luminance
@@ -102,6 +102,7 @@ class RefinementResult:
         cam_from_world: (4, 4); None when the alignment failed.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
             map units and radians.
+        by_log_focal: (6,) how xi, the same, follows the logarithm of the photo's focal lengths.
         gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
         residual: robust standard deviation of the photometric residual, luminance.
         agreement: mean local correlation of photo and render, in [-1, 1].
@@ -126,6 +127,7 @@ class RefinementResult:
     tolerance_unit: float
     converged: bool
     reason: str | None = None
+    by_log_focal: Float64Array | None = None
 
 
 def refine_pose(
@@ -197,11 +199,13 @@ def refine_pose(
     agreement, overlap = photometric_agreement(
         pyramid[compared], photo_levels[compared], alignment.photo_from_anchor
     )
+    uncertainty = pose_uncertainty(
+        template, photo_levels[0], alignment, settings.solver, settings.uncertainty
+    )
     return RefinementResult(
         cam_from_world=cam_from_world,
-        covariance=pose_covariance(
-            template, photo_levels[0], alignment, settings.solver, settings.uncertainty
-        ),
+        covariance=uncertainty.covariance,
+        by_log_focal=uncertainty.by_log_focal,
         gain=last_light[0],
         bias=last_light[1],
         residual=alignment.residual,

@@ -62,14 +62,27 @@ class UncertaintySettings:
     least_pixels: float = 0.004
 
 
-def pose_covariance(
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How sure an alignment is, in xi of ``exp(xi) @ photo_from_anchor``, (translation, rotation).
+
+    Attributes:
+        covariance: (6, 6), the intrinsics being exact.
+        by_log_focal: (6,) how the pose follows the logarithm of the photo's focal lengths.
+    """
+
+    covariance: Float64Array
+    by_log_focal: Float64Array
+
+
+def pose_uncertainty(
     template: Template,
     photo: ImageLevel,
     alignment: Alignment,
     solver: LucasKanadeSettings,
     settings: UncertaintySettings,
-) -> Float64Array:
-    """(6, 6) of xi in ``exp(xi) @ photo_from_anchor``, (translation, rotation).
+) -> Uncertainty:
+    """How sure an alignment is.
 
     Args:
         template, photo, solver: that were aligned.
@@ -111,7 +124,13 @@ def pose_covariance(
     covariance += settings.least_pixels**2 * covariance_from_information(template.motion)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
     covariance = to_photo @ covariance @ to_photo.T
-    return np.asarray(0.5 * (covariance + covariance.T))
+    # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
+    by_focal = -gain * template.jacobian[:, 2] * template.points[2]
+    right = np.asarray((design * weights) @ by_focal, dtype=np.float64)
+    return Uncertainty(
+        covariance=0.5 * (covariance + covariance.T),
+        by_log_focal=-to_photo @ (inverse @ right)[:6],
+    )
 
 
 def _product(a: Float32Array, b: Float32Array) -> Float64Array:

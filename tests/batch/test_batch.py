@@ -48,7 +48,7 @@ class Stub:
         self.seen.append(number)
         seconds = {"retrieval": 0.1, "coarse": 0.2, "total": 0.31234567}
         if number == 0:
-            return LocalizationResult(False, "too dark", None, None, None, (), seconds)
+            return LocalizationResult(False, "too dark", None, None, camera, None, (), seconds)
         coarse_pose = se3.exp([0.01, 0, 0, 0, 0, 0]) @ pose_of(number)
         coarse = CoarseResult(
             coarse_pose, 50, 40, np.zeros((40, 2)), 0.5, 1e-6 * np.eye(6), 2, True
@@ -59,7 +59,7 @@ class Stub:
         )
         attempt = Attempt(Start("reference", coarse_pose, "ref.png"), coarse, aligned, None)
         return LocalizationResult(
-            True, None, pose_of(number), np.eye(6), attempt, (attempt,), seconds
+            True, None, pose_of(number), np.eye(6), camera, attempt, (attempt,), seconds
         )
 
 
