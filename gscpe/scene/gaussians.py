@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gscpe.arrays import Float32Array
+from gscpe.arrays import BoolArray, Float32Array, IntArray
 from gscpe.errors import SplatError
 
-_LARGEST = 1e15  # squares of it, in pixels, still fit float32 where scenes are rendered
+LARGEST = 1e15
+"""Of any value: squares of it, in pixels, still fit float32 where scenes are rendered."""
 
 SH_C0 = 0.28209479177387814
 """The constant spherical harmonic; ``colour = 0.5 + SH_C0 * sh[:, 0]`` at degree 0."""
@@ -76,14 +77,25 @@ class GaussianScene:
                 "remove them or train the splat again"
             )
         largest = float(np.abs(array).max(initial=0.0))
-        if largest > _LARGEST:
+        if largest > LARGEST:
             raise SplatError(
                 f"{name} reach {largest:.3g}, which no scene needs (damaged?); values up to "
-                f"{_LARGEST:.0e} can be rendered"
+                f"{LARGEST:.0e} can be rendered"
             )
 
     def __len__(self) -> int:
         return len(self.means)
+
+    def taken(self, rows: IntArray | BoolArray) -> GaussianScene:
+        """These Gaussians, by index or by mask; SplatError where none are left."""
+        return replace(
+            self,
+            means=self.means[rows],
+            quaternions=self.quaternions[rows],
+            scales=self.scales[rows],
+            opacities=self.opacities[rows],
+            sh=self.sh[rows],
+        )
 
     @property
     def sh_degree(self) -> int:
