@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 
 from gscpe.cli.common import Commands, add_backend, show_progress
-from gscpe.mapping import MapSettings, build_map, check_frames, map_without_references
+from gscpe.mapping import MapSettings, build_map, map_without_references, with_fitting_axes
 from gscpe.retrieval import METHODS, check_method
 from gscpe.scene import read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
+from gscpe.scene.splat_kind import may_have_other_axes
 
 
 def add_parser(commands: Commands) -> None:
@@ -81,7 +82,14 @@ def run(options: argparse.Namespace) -> int:
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)
     if not options.no_check:
-        check_frames(scene, references, options.images, options.backend, show_progress())
+        scene = with_fitting_axes(
+            scene,
+            references,
+            options.images,
+            options.backend,
+            show_progress(),
+            may_have_other_axes(options.splat),
+        )
     map_ = build_map(scene, references, options.images, settings, progress=show_progress())
     save_map(map_, options.output, compress=options.compress)
     print(f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos")

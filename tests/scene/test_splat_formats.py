@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gscpe.errors import MissingDependencyError, SplatError
 from gscpe.scene import GaussianScene, read_splat, splat_formats
 from gscpe.scene.gaussians import SH_C0
+from gscpe.scene.splat_kind import may_have_other_axes
 
 gaussforge = pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
 
@@ -156,6 +157,19 @@ def test_damaged_indices_of_folders(name: str, text: str, tmp_path: Path) -> Non
     (tmp_path / name).write_text(text)
     with pytest.raises(SplatError, match=name):
         read_splat(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_which_formats_leave_their_axes_open(
+    kind: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    path = write(tmp_path, kind, encoded(random_scene(rng, 20, 1), kind, tmp_path))
+    assert may_have_other_axes(path) == (kind in ("spz", "sog"))
+    assert not may_have_other_axes(tmp_path / "original.ply")
+    sog_folder(tmp_path / "folder", random_scene(rng, 20, 1))
+    assert may_have_other_axes(tmp_path / "folder" / "meta.json")
+    with pytest.raises(SplatError, match=r"absent\.spz cannot be read"):
+        may_have_other_axes(tmp_path / "absent.spz")
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
