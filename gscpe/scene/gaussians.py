@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,6 +102,20 @@ class GaussianScene:
     def sh_degree(self) -> int:
         """0, 1, 2 or 3."""
         return int(np.sqrt(self.sh.shape[1])) - 1
+
+
+def joined(scenes: Sequence[GaussianScene]) -> GaussianScene:
+    """All of their Gaussians; harmonics that some do not have are zero."""
+    most = max(scene.sh.shape[1] for scene in scenes)
+    sh = [np.pad(s.sh, ((0, 0), (0, most - s.sh.shape[1]), (0, 0))) for s in scenes]
+    return replace(
+        scenes[0],
+        means=np.concatenate([scene.means for scene in scenes]),
+        quaternions=np.concatenate([scene.quaternions for scene in scenes]),
+        scales=np.concatenate([scene.scales for scene in scenes]),
+        opacities=np.concatenate([scene.opacities for scene in scenes]),
+        sh=np.concatenate(sh),
+    )
 
 
 def normalized_quaternions(quaternions: ArrayLike) -> Float32Array:

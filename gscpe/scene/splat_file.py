@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import logging
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from gscpe.arrays import Float32Array
 from gscpe.errors import SplatError
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.scene.gaussians import GaussianScene, joined
 from gscpe.scene.ply_bytes import ANTIALIASED_COMMENT
 from gscpe.scene.sog_folder import bundled, finest_chunks
 from gscpe.scene.splat_formats import to_ply
@@ -52,12 +51,17 @@ def read_splat(path: str | Path) -> GaussianScene:
         MissingDependencyError: the format needs gaussforge, and it is not installed.
     """
     path = _index_file(Path(path))
-    data = _read_bytes(path)
+    return splat_from_bytes(_read_bytes(path), path)
+
+
+def splat_from_bytes(data: bytes, path: Path) -> GaussianScene:
+    """As :func:`read_splat`, of a file that has been read; ``path`` is for messages, and for
+    files beside it."""
     kind = splat_kind(path, data)
     if kind == STREAMED_SOG:
         chunks = finest_chunks(path, data)
         scenes = [(read_splat(chunk.meta), chunk.rows) for chunk in chunks]
-        return _joined([_rows_of(scene, rows, path) for scene, rows in scenes])
+        return joined([_rows_of(scene, rows, path) for scene, rows in scenes])
     if kind == PLY:
         antialiased = _is_antialiased(data)
     elif kind == SOG_FOLDER:
@@ -122,20 +126,6 @@ def _rows_of(
     if max(end for _, end in rows) > len(scene) or min(begin for begin, _ in rows) < 0:
         raise SplatError(f"{path} names Gaussians that a chunk does not have; export it again")
     return scene.taken(np.concatenate([np.arange(*each) for each in rows]))
-
-
-def _joined(scenes: Sequence[GaussianScene]) -> GaussianScene:
-    """All of their Gaussians; harmonics that some do not have are zero."""
-    most = max(scene.sh.shape[1] for scene in scenes)
-    sh = [np.pad(s.sh, ((0, 0), (0, most - s.sh.shape[1]), (0, 0))) for s in scenes]
-    return replace(
-        scenes[0],
-        means=np.concatenate([scene.means for scene in scenes]),
-        quaternions=np.concatenate([scene.quaternions for scene in scenes]),
-        scales=np.concatenate([scene.scales for scene in scenes]),
-        opacities=np.concatenate([scene.opacities for scene in scenes]),
-        sh=np.concatenate(sh),
-    )
 
 
 def _read_bytes(path: Path) -> bytes:
