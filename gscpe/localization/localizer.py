@@ -16,6 +16,7 @@ from gscpe.errors import CameraError, MapError, PoseError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.attempt import Attempt, PreparedPhoto
 from gscpe.localization.clock import Clock
+from gscpe.localization.light import trouble_with_light
 from gscpe.localization.observer import Observer
 from gscpe.localization.result import NO_FEATURES, LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
@@ -87,7 +88,8 @@ class Localizer(Closing):
         """Estimates the pose of a photo.
 
         Args:
-            image: (H, W, 3) uint8 RGB.
+            image: (H, W, 3) uint8 RGB, as :func:`gscpe.read_image` has it, and not BGR as OpenCV
+                has it; or (H, W, 4), where pixels that are transparent are left out.
             camera: its intrinsics; lens distortion is removed first.
             prior: where the camera probably is; or the result of the frame before, which
                 counts only if it was localized. A sure prior skips retrieval and the coarse
@@ -129,7 +131,8 @@ class Localizer(Closing):
             best = max(attempts, key=Attempt.rank)
             if best.doubt is None and self._is_sure(best):
                 break
-        return LocalizationResult.of(attempts, self.settings.fusion, clock.seconds())
+        result = LocalizationResult.of(attempts, self.settings.fusion, clock.seconds())
+        return result if result.localized else result.because(trouble_with_light(photo))
 
     def _starts(
         self,
@@ -245,6 +248,7 @@ class Localizer(Closing):
             if isinstance(estimate, Camera):
                 return estimate.resized(photo.camera.width, photo.camera.height)
             reason = estimate
+        reason = trouble_with_light(photo) or reason
         raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
 
     def _reference_width(self) -> float:

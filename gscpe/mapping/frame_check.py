@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.errors import MapError
 from gscpe.render import Renderer, local_correlation
-from gscpe.scene import GaussianScene, References, luminance, read_image, to_photo
+from gscpe.scene import GaussianScene, References, luminance, read_image_of, to_photo
 from gscpe.scene.photo import shrink
 from gscpe.scene.turned import Y_AND_Z_NEGATED, turned
 
@@ -88,7 +88,7 @@ def _correlations(
         for index in chosen:
             camera = references.cameras[index]
             path = Path(image_folder) / references.names[index]
-            photo = to_photo(read_image(path), camera)
+            photo = to_photo(read_image_of(path, camera), camera)
             scale = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
             size = max(8, round(camera.width * scale)), max(8, round(camera.height * scale))
             view = renderer.render(photo.camera.resized(*size), references.cam_from_world[index])

@@ -68,7 +68,7 @@ def spoil(path: Path, change: Callable[[bytes], bytes]) -> None:
 
 def nan_splat(path: Path) -> None:
     table = splat_table(random_scene(np.random.default_rng(0), 50, 1))
-    table[7, 0] = np.nan
+    table[:30, 0] = np.nan
     write_table(path, splat_columns(1), table)
 
 
@@ -95,7 +95,7 @@ SPOILT_FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
         lambda p: write_table(p / "splat.ply", ["x", "y", "z"], np.zeros((5, 3), np.float32)),
         "not a Gaussian splat",
     ),
-    "splat has NaN": ("build_map", lambda p: nan_splat(p / "splat.ply"), "NaN or infinite means"),
+    "splat has NaN": ("build_map", lambda p: nan_splat(p / "splat.ply"), "30 hold NaN or infinite"),
     "splat is empty": (
         "build_map",
         lambda p: write_table(p / "splat.ply", splat_columns(1), np.zeros((0, 27), np.float32)),
