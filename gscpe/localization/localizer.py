@@ -272,7 +272,7 @@ class Localizer(Closing):
         references = self.map.references.cameras
         if not references:
             return photo
-        theirs = float(np.median([camera.fx for camera in references]))
+        theirs = float(np.median([camera.without_distortion().fx for camera in references]))
         scale = min(theirs / photo.camera.fx, self.settings.most_enlarged)
         if 1.0 / self.settings.same_resolution <= scale <= self.settings.same_resolution:
             return photo

@@ -57,11 +57,10 @@ def turned_camera(camera: Camera, orientation: int) -> Camera:
     """The camera of the photo that :func:`turned_image` returns; exact, distortion included."""
     mirrored, quarters = _parts(orientation)
     if mirrored:
-        # Tangential distortion is a vector, (p2, p1), in the image.
         camera = replace(
             camera,
             cx=camera.width - camera.cx,
-            distortion=_with_vectors(camera.distortion, np.diag([-1.0, 1.0])),
+            distortion=_distortion_turned(camera, np.diag([-1.0, 1.0])),
         )
     for _ in range(quarters):
         # Clockwise: right becomes down, down becomes left.
@@ -73,7 +72,7 @@ def turned_camera(camera: Camera, orientation: int) -> Camera:
             fy=camera.fx,
             cx=camera.height - camera.cy,
             cy=camera.cx,
-            distortion=_with_vectors(camera.distortion, np.array([[0.0, -1.0], [1.0, 0.0]])),
+            distortion=_distortion_turned(camera, np.array([[0.0, -1.0], [1.0, 0.0]])),
         )
     return camera
 
@@ -105,9 +104,12 @@ def _parts(orientation: int) -> tuple[bool, int]:
     return False, QUARTER_TURNS.index(orientation)
 
 
-def _with_vectors(distortion: tuple[float, ...], turn: Float64Array) -> tuple[float, ...]:
-    if not distortion:
+def _distortion_turned(camera: Camera, turn: Float64Array) -> tuple[float, ...]:
+    """Tangential distortion is a vector in the image, (p2, p1), and so is a fisheye's prism."""
+    if not camera.distortion:
         return ()
-    k1, k2, p1, p2, *others = distortion
+    k1, k2, p1, p2, k3, k4, *last = camera.distortion
     p2, p1 = (float(x) for x in turn @ (p2, p1))
-    return (k1, k2, p1, p2, *others)
+    if camera.fisheye:
+        last = [float(x) for x in turn @ last]
+    return (k1, k2, p1, p2, k3, k4, *last)

@@ -10,6 +10,8 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
 from gscpe.errors import PhotoError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.lens import image_of_directions
+from gscpe.geometry.projection import pixel_centres, unproject
 
 _CHANNELS: tuple[tuple[int, ...], ...] = ((), (3,), (4,))
 
@@ -60,7 +62,8 @@ def shrink(image: Float32Array, width: int, height: int) -> Float32Array:
 def to_photo(image: UInt8Array, camera: Camera) -> Photo:
     """Checks an image against its camera and removes lens distortion, once.
 
-    The undistorted photo keeps the size, the focal lengths and the principal point.
+    The undistorted photo keeps the size, the focal lengths and the principal point; of a fisheye,
+    what :meth:`gscpe.Camera.without_distortion` says.
 
     Args:
         image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey, or (H, W, 4) with an opacity: pixels that
@@ -84,22 +87,33 @@ def to_photo(image: UInt8Array, camera: Camera) -> Photo:
     rgb = np.ascontiguousarray(image[:, :, :3])
     if camera.is_pinhole:
         return Photo(rgb, camera, _unless_all(seen))
-    matrix = camera.opencv_matrix()
-    size = (camera.width, camera.height)
-    map_u, map_v = cv2.initUndistortRectifyMap(
-        matrix, np.asarray(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1
-    )
+    pinhole = camera.without_distortion()
+    map_u, map_v, valid = _source_pixels(camera, pinhole)
     # OpenCV's cubic kernel shifts by up to 0.05 px with the phase; this one by up to 0.03.
     undistorted = cv2.remap(rgb, map_u, map_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-    inside_u = (map_u >= 0) & (map_u <= camera.width - 1)
-    inside_v = (map_v >= 0) & (map_v <= camera.height - 1)
-    valid = inside_u & inside_v
+    valid &= (map_u >= 0) & (map_u <= camera.width - 1)
+    valid &= (map_v >= 0) & (map_v <= camera.height - 1)
     if seen is not None:
         share = cv2.remap(seen.astype(np.float32), map_u, map_v, cv2.INTER_LINEAR)
         valid &= share > 0.99
-    return Photo(
-        np.asarray(undistorted, dtype=np.uint8), camera.without_distortion(), _unless_all(valid)
-    )
+    return Photo(np.asarray(undistorted, dtype=np.uint8), pinhole, _unless_all(valid))
+
+
+def _source_pixels(camera: Camera, pinhole: Camera) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Where each pixel of the pinhole's photo is in the camera's, OpenCV's pixels, and whether
+    the lens images it at all; (H, W) each."""
+    size = (pinhole.height, pinhole.width)
+    if not camera.fisheye:
+        map_u, map_v = cv2.initUndistortRectifyMap(
+            *(camera.opencv_matrix(), np.asarray(camera.distortion), np.eye(3)),
+            *(pinhole.opencv_matrix(), size[::-1], cv2.CV_32FC1),
+        )
+        return np.asarray(map_u), np.asarray(map_v), np.ones(size, dtype=bool)
+    pixels = pixel_centres(pinhole).reshape(-1, 2)
+    directions = unproject(pinhole, pixels, np.ones(len(pixels)))
+    images, imaged = image_of_directions(camera, directions)
+    map_u, map_v = (images.T - 0.5).astype(np.float32).reshape(2, *size)
+    return map_u, map_v, imaged.reshape(size)
 
 
 def _unless_all(valid: BoolArray | None) -> BoolArray | None:

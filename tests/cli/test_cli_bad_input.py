@@ -126,12 +126,10 @@ SPOILT_FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
         lambda p: (p / "photos" / "a.png").rename(p / "photos" / "b.png"),
         "the first is a.png",
     ),
-    "model of a fisheye camera": (
+    "model of a camera that is not known": (
         "build_map",
-        lambda p: (p / "sparse" / "cameras.txt").write_text(
-            "1 OPENCV_FISHEYE 60 45 50 50 30 22 0 0 0 0\n"
-        ),
-        "'OPENCV_FISHEYE' is not supported",
+        lambda p: (p / "sparse" / "cameras.txt").write_text("1 FOV 60 45 50 50 30 22 1\n"),
+        "'FOV' is not supported",
     ),
     "reference photo of another size": (
         "build_map",

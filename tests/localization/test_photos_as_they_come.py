@@ -1,4 +1,4 @@
-"""Whole runs on photos that are dark, white or partly transparent."""
+"""Whole runs on photos that are dark, white, partly transparent, or of a fisheye."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe import Localizer
 from gscpe.errors import CameraError
-from gscpe.geometry import pose_difference, se3
+from gscpe.geometry import Camera, pose_difference, se3
 
 CAMERA = room_camera(240, 180)
 POSE = se3.exp([0.05, -0.03, 0.04, 0.02, -0.02, 0.03]) @ ROOM_POSE
@@ -46,6 +46,29 @@ def test_the_transparent_part_of_a_photo_does_not_count(
     assert result.aligned is not None
     assert whole.aligned is not None
     assert result.aligned.pixels < 0.65 * whole.aligned.pixels
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "OPENCV_FISHEYE,240,180,160,158,118,93,0.05,-0.02,0.003,0",
+        "THIN_PRISM_FISHEYE,240,180,160,158,118,93,0.05,-0.02,0.004,-0.003,0.003,0,0.01,-0.004",
+    ],
+)
+def test_a_fisheye_photo(text: str, localizer: Localizer) -> None:
+    """86 degrees wide; taken for a pinhole's, it is localized elsewhere or not at all."""
+    camera = Camera.parse(text)
+    photo = room().shoot(camera, POSE, samples=2).uint8
+    result = localizer.localize(photo, camera)
+    assert result.localized, result.reason
+    assert result.cam_from_world is not None
+    error = pose_difference(result.cam_from_world, POSE)
+    assert error.distance < 8e-3
+    assert error.degrees < 0.2
+    pinhole = Camera.pinhole(240, 180, fx=160, fy=158, cx=118, cy=93)
+    wrong = localizer.localize(photo, pinhole)
+    if wrong.cam_from_world is not None:
+        assert pose_difference(wrong.cam_from_world, POSE).distance > 2e-2
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ from gscpe.scene.orientation import (
 
 PINHOLE = Camera.pinhole(61, 47, fx=50.0, fy=52.0, cx=29.0, cy=25.0)
 BENT = Camera(61, 47, 50.0, 52.0, 29.0, 25.0, (-0.2, 0.03, 0.02, -0.03, 0.01, 0.0, 0.0, 0.0))
+
+ROUND = replace(BENT, distortion=(0.1, 0.03, 0.02, -0.03, 0.01, 0.0, 0.05, -0.08), fisheye=True)
 
 
 def save(path: Path, orientation: object, seed: int = 0) -> NDArray[np.uint8]:
@@ -59,7 +62,7 @@ def test_orientations_that_are_none(tag: int, tmp_path: Path) -> None:
     assert exif_orientation(tmp_path / "absent.png") == 1
 
 
-@pytest.mark.parametrize("camera", [PINHOLE, BENT], ids=["pinhole", "bent"])
+@pytest.mark.parametrize("camera", [PINHOLE, BENT, ROUND], ids=["pinhole", "bent", "fisheye"])
 @pytest.mark.parametrize("orientation", QUARTER_TURNS)
 def test_pixels_cameras_and_poses_turn_alike(
     orientation: int, camera: Camera, rng: np.random.Generator
@@ -68,7 +71,7 @@ def test_pixels_cameras_and_poses_turn_alike(
     pose = random_pose(rng)
     in_cam = np.array([[0.2, -0.15, 1.0], [-0.3, 0.1, 1.2], [0.05, 0.3, 0.9]])
     turned = turned_camera(camera, orientation)
-    seen_by = distorted_projection if camera.distortion else project
+    seen_by = project if camera.is_pinhole else distorted_projection
     before = seen_by(camera, in_cam)
     rotation = turned_from_cam(orientation)
     world = transform_points(np.linalg.inv(pose), in_cam)
