@@ -207,6 +207,9 @@ def assert_same_map(a: Map, b: Map) -> None:
         assert array.dtype == np.float32
     assert a.scene.antialiased is b.scene.antialiased
     assert a.metres_per_unit == b.metres_per_unit
+    assert a.frame.scale == b.frame.scale
+    np.testing.assert_array_equal(a.frame.origin, b.frame.origin)
+    assert a.scene.near == b.scene.near
     assert a.references.names == b.references.names
     assert a.references.cameras == b.references.cameras
     np.testing.assert_array_equal(a.references.cam_from_world, b.references.cam_from_world)

@@ -89,7 +89,6 @@ def estimate_coarse_pose(
     camera: Camera,
     start_cam_from_world: Float64Array,
     settings: CoarseSettings,
-    metres_per_unit: float | None,
     observer: CoarseObserver | None = None,
 ) -> CoarseResult:
     """Renders the map at the current pose, matches, lifts, solves, and repeats.
@@ -101,8 +100,6 @@ def estimate_coarse_pose(
         camera: pinhole camera of the photo.
         start_cam_from_world: (4, 4), the reference pose.
         settings: see :class:`CoarseSettings`.
-        metres_per_unit: of the map; None where unknown: then the translation tolerance,
-            made for rooms, is scaled to the rendered depth.
         observer: is told of each round.
     """
     current = start_cam_from_world
@@ -136,9 +133,8 @@ def estimate_coarse_pose(
             "round %d: %d of %d matches agree, moved %.4f and %.3f deg",
             rounds, estimate.inliers.sum(), len(pixels), moved.distance, moved.degrees,
         )  # fmt: skip
-        unit = view.metres_per_unit(metres_per_unit)
         converged = (
-            moved.distance * unit < settings.translation_tolerance
+            moved.distance < settings.translation_tolerance
             and moved.degrees < settings.rotation_tolerance_degrees
         )
         current = estimate.cam_from_world

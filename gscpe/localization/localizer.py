@@ -14,7 +14,9 @@ from gscpe.closing import Closing
 from gscpe.coarse import estimate_coarse_pose
 from gscpe.errors import CameraError, MapError, PoseError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.se3 import check_transform
 from gscpe.localization.attempt import Attempt, PreparedPhoto
+from gscpe.localization.border import prior_in_map, view_in_world
 from gscpe.localization.clock import Clock
 from gscpe.localization.light import trouble_with_light
 from gscpe.localization.observer import Observer
@@ -109,8 +111,9 @@ class Localizer(Closing):
         """
         if not isinstance(camera, Camera):
             raise CameraError("localize needs a Camera; Localizer.estimate_camera finds one")
+        frame = self.map.frame
         if isinstance(prior, LocalizationResult):
-            prior = None if prior.cam_from_world is None else PosePrior(prior.cam_from_world)
+            prior = self._prior_of(prior)
         if not isinstance(prior, PosePrior | None):
             raise PoseError(f"a prior is a PosePrior or a result, not a {type(prior).__name__}")
         if prior is None and not len(self.map.references):
@@ -118,6 +121,8 @@ class Localizer(Closing):
                 "this map has no reference photos to recognize a place by: give a prior pose, or "
                 "build it with references"
             )
+        if prior is not None:
+            prior = prior_in_map(prior, frame)
         clock = Clock()
         photo = self.at_the_maps_resolution(to_photo(image, camera))
         query = PreparedPhoto(photo, self._matcher, clock)
@@ -131,8 +136,18 @@ class Localizer(Closing):
             best = max(attempts, key=Attempt.rank)
             if best.doubt is None and self._is_sure(best):
                 break
-        result = LocalizationResult.of(attempts, self.settings.fusion, clock.seconds())
+        result = LocalizationResult.of(attempts, frame, self.settings.fusion, clock.seconds())
         return result if result.localized else result.because(trouble_with_light(photo))
+
+    def _prior_of(self, result: LocalizationResult) -> PosePrior | None:
+        """The result of the frame before says where the camera was, some centimetres ago."""
+        if result.cam_from_world is None:
+            return None
+        return PosePrior(
+            result.cam_from_world,
+            self.settings.motion_sigma / self.map.frame.scale,
+            self.settings.motion_sigma_degrees,
+        )
 
     def _starts(
         self,
@@ -142,17 +157,16 @@ class Localizer(Closing):
     ) -> Iterator[Start]:
         """Where to begin, best first; retrieval runs only when it is reached."""
         settings, references = self.settings, self.map.references
-        unit = self.map.metres_per_unit or 1.0
         if prior is not None:
             if (
-                prior.translation_sigma * unit <= settings.near
+                prior.translation_sigma <= settings.near
                 and prior.rotation_sigma_degrees <= settings.near_degrees
             ):
                 yield Start("tracking", prior.cam_from_world)
             yield Start("prior", prior.cam_from_world)
         if not len(references):
             return
-        poses, same_place = references.cam_from_world, settings.same_place / unit
+        poses, same_place = references.cam_from_world, settings.same_place
         retrieved: Sequence[RetrievedReference]
         retrieved = self._retrieve(query) if names is None else self._named(names)
         if prior is not None:
@@ -172,7 +186,7 @@ class Localizer(Closing):
             with clock.stage("refinement"):
                 refinement = replace(settings.refinement, levels=settings.near_levels)
                 aligned = self._refine(query.photo, start.cam_from_world, refinement, observer)
-            doubt = doubt_about_tracked(prior, aligned, settings.verification)
+            doubt = doubt_about_tracked(prior, aligned, settings.verification, self.map.frame)
             return Attempt(start, None, aligned, doubt)
         prepared = query.for_matching
         with clock.stage("coarse"):
@@ -183,7 +197,6 @@ class Localizer(Closing):
                 query.photo.camera,
                 start.cam_from_world,
                 settings.coarse,
-                self.map.metres_per_unit,
                 observer,
             )
         doubt = doubt_about_coarse(coarse, query.photo.camera, settings.verification)
@@ -193,7 +206,9 @@ class Localizer(Closing):
             aligned = self._refine(
                 query.photo, coarse.cam_from_world, settings.refinement, observer
             )
-        doubt = doubt_about_aligned(coarse, aligned, settings.verification, settings.fusion)
+        doubt = doubt_about_aligned(
+            coarse, aligned, settings.verification, settings.fusion, self.map.frame
+        )
         return Attempt(start, coarse, aligned, doubt)
 
     def _refine(
@@ -203,8 +218,7 @@ class Localizer(Closing):
         settings: RefinementSettings,
         observer: Observer,
     ) -> RefinementResult:
-        unit = self.map.metres_per_unit
-        return refine_pose(self._renderer, photo, cam_from_world, settings, unit, observer)
+        return refine_pose(self._renderer, photo, cam_from_world, settings, observer)
 
     def _is_sure(self, attempt: Attempt) -> bool:
         sure = self.settings.verification.sure_agreement
@@ -255,8 +269,11 @@ class Localizer(Closing):
         return float(np.median([camera.width for camera in self.map.references.cameras]))
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
-        """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`."""
-        return self._renderer.render(camera, cam_from_world)
+        """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
+        are with respect to the world."""
+        cam_from_world = check_transform(cam_from_world, "cam_from_world")
+        view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
+        return view_in_world(view, self.map.frame)
 
     @property
     def renderer_description(self) -> str:

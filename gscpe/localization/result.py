@@ -8,9 +8,11 @@ from typing import Sequence
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
 from gscpe.localization.attempt import Attempt
+from gscpe.localization.border import attempt_in_world
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 from gscpe.localization.starts import StartedFrom
 from gscpe.refinement import RefinementResult
+from gscpe.scene import MapFrame
 
 NO_FEATURES = "the photo has no features to recognize a place by"
 
@@ -26,8 +28,8 @@ class LocalizationResult:
         localized: whether the pose can be trusted.
         reason: why not; None when localized.
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
-        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
-            map units and radians; None when not localized.
+        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
+            map's world units and radians; None when not localized.
         best: the attempt that the answer is of; None when there was nowhere to start.
         attempts: all that was tried, in this order.
         seconds: wall time by stage: features, retrieval, coarse, refinement, total.
@@ -43,20 +45,37 @@ class LocalizationResult:
 
     @classmethod
     def of(
-        cls, attempts: Sequence[Attempt], settings: FusionSettings, seconds: dict[str, float]
+        cls,
+        attempts: Sequence[Attempt],
+        frame: MapFrame,
+        settings: FusionSettings,
+        seconds: dict[str, float],
     ) -> LocalizationResult:
-        """The best of the attempts, as an answer."""
+        """The best of the attempts, as an answer.
+
+        Args:
+            attempts: with respect to the map.
+            frame: of the map; the answer is with respect to the world.
+            settings: how matches and alignment are weighed.
+            seconds: see above.
+        """
         best = max(attempts, key=Attempt.rank, default=None)
         if best is None:
             return cls(False, NO_FEATURES, None, None, None, (), seconds)
-        pose, covariance = (None, None) if best.doubt is not None else _final_pose(best, settings)
+        pose = covariance = None
+        if best.doubt is None:
+            cam_from_map, in_map_units = _final_pose(best, settings)
+            pose, covariance = (
+                frame.cam_from_world(cam_from_map),
+                frame.world_covariance(in_map_units),
+            )
         return cls(
             localized=pose is not None,
             reason=best.doubt,
             cam_from_world=pose,
             covariance=covariance,
-            best=best,
-            attempts=tuple(attempts),
+            best=attempt_in_world(best, frame),
+            attempts=tuple(attempt_in_world(attempt, frame) for attempt in attempts),
             seconds=seconds,
         )
 

@@ -15,7 +15,8 @@ from gscpe.retrieval import IndexSettings
 
 @dataclass(frozen=True)
 class LocalizerSettings:
-    """Settings of every stage.
+    """Settings of every stage. Lengths are metres; where a map's unit is not known, they are for
+    surfaces that are 2 m away.
 
     Attributes:
         hypotheses: places that are tried, best first, until one is not doubted.
@@ -27,6 +28,9 @@ class LocalizerSettings:
             factor are not resampled.
         most_enlarged: a photo with fewer pixels is enlarged at most this much: there is nothing
             more in it.
+        motion_sigma: where the result of the frame before is the prior: metres, standard deviation
+            of the camera's motion since then, ...
+        motion_sigma_degrees: ... and of its rotation.
         near: a prior whose deviation is at most this, metres, is aligned at once, ...
         near_degrees: ... and whose rotation is as sure as this.
         near_levels: times the image is halved for it; each doubles how far off it may be.
@@ -42,6 +46,8 @@ class LocalizerSettings:
     prior_sigmas: float = 3.0
     same_resolution: float = 1.03
     most_enlarged: float = 2.0
+    motion_sigma: float = 0.05
+    motion_sigma_degrees: float = 2.0
     near: float = 0.1
     near_degrees: float = 4.0
     near_levels: int = 4

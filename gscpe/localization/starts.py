@@ -38,7 +38,7 @@ class PosePrior:
 
     Attributes:
         cam_from_world: (4, 4) rigid transform.
-        translation_sigma: standard deviation of the camera's centre, map units.
+        translation_sigma: standard deviation of the camera's centre, in the unit of the pose.
         rotation_sigma_degrees: standard deviation of its rotation.
 
     Raises:

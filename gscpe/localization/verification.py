@@ -13,6 +13,7 @@ from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 from gscpe.localization.starts import PosePrior
 from gscpe.refinement import RefinementResult
+from gscpe.scene import MapFrame
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,7 @@ def doubt_about_aligned(
     aligned: RefinementResult,
     settings: VerificationSettings,
     fusion: FusionSettings,
+    frame: MapFrame,
 ) -> str | None:
     """Why the aligned pose cannot be trusted, or None."""
     if aligned.cam_from_world is None or aligned.covariance is None:
@@ -134,13 +136,15 @@ def doubt_about_aligned(
     if found.shift > settings.max_shift or found.shift_degrees > settings.max_shift_degrees:
         return (
             "matches and image alignment contradict each other by "
-            f"{found.shift / aligned.tolerance_unit:.3f} and {found.shift_degrees:.2f} degrees"
+            f"{frame.length_text(found.shift / aligned.tolerance_unit)} and "
+            f"{found.shift_degrees:.2f} degrees"
         )
-    return _doubt_about_sigmas(found.sigma, found.sigma_degrees, aligned.tolerance_unit, settings)
+    unit = aligned.tolerance_unit
+    return _doubt_about_sigmas(found.sigma, found.sigma_degrees, unit, settings, frame)
 
 
 def doubt_about_tracked(
-    prior: PosePrior, aligned: RefinementResult, settings: VerificationSettings
+    prior: PosePrior, aligned: RefinementResult, settings: VerificationSettings, frame: MapFrame
 ) -> str | None:
     """Why a pose that was aligned from a prior, without matches, cannot be trusted, or None."""
     if aligned.cam_from_world is None or aligned.covariance is None:
@@ -155,9 +159,12 @@ def doubt_about_tracked(
         shift.distance > settings.prior_sigmas * prior.translation_sigma
         or shift.degrees > settings.prior_sigmas * prior.rotation_sigma_degrees
     ):
-        return f"the alignment left the prior by {shift.distance:.3f} and {shift.degrees:.2f} deg"
+        return (
+            f"the alignment left the prior by {frame.length_text(shift.distance)} and "
+            f"{shift.degrees:.2f} degrees"
+        )
     unit = aligned.tolerance_unit
-    return _doubt_about_sigmas(*_worst_sigmas(aligned.covariance, unit), unit, settings)
+    return _doubt_about_sigmas(*_worst_sigmas(aligned.covariance, unit), unit, settings, frame)
 
 
 def _doubt_about_picture(
@@ -187,11 +194,15 @@ def _worst_sigmas(covariance: Float64Array, tolerance_unit: float) -> tuple[floa
 
 
 def _doubt_about_sigmas(
-    metres: float, degrees: float, tolerance_unit: float, settings: VerificationSettings
+    metres: float,
+    degrees: float,
+    tolerance_unit: float,
+    settings: VerificationSettings,
+    frame: MapFrame,
 ) -> str | None:
     if metres > settings.max_sigma or degrees > settings.max_sigma_degrees:
         return (
             "the photo does not determine the pose: standard deviations of "
-            f"{metres / tolerance_unit:.3f} and {degrees:.2f} degrees"
+            f"{frame.length_text(metres / tolerance_unit)} and {degrees:.2f} degrees"
         )
     return None

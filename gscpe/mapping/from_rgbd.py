@@ -21,12 +21,14 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from gscpe.errors import PhotoError, SettingsError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import check_transform, inverse
 from gscpe.render import Renderer, choose_backend
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import GaussianScene, Map, References, to_photo
-from gscpe.scene.gaussians import SH_C0
+from gscpe.scene.gaussians import SH_C0, far_origin
+from gscpe.scene.map_frame import TYPICAL_DEPTH, MapFrame, near_plane
 
 _LAYERS = np.array([[0.0, 2.0], [3.0, 1.0]])
 """Depth of each 2x2 pixels' surfels, in layer spacings behind the surface: the nearest cover
@@ -77,11 +79,21 @@ def map_from_rgbd(
 ) -> Map:
     """A map whose only reference is this photo; arguments as :func:`scene_from_rgbd`."""
     settings = settings or RgbdMapSettings()
-    return Map(
-        scene=scene_from_rgbd(rgb, depth, camera, cam_from_world, settings),
-        references=References((PurePath(name).name,), cam_from_world[None].copy(), (camera,)),
-        descriptors=describe_references([to_photo(rgb, camera)], settings.retrieval),
+    cam_from_world = check_transform(cam_from_world, "cam_from_world")
+    known = depth[np.isfinite(depth) & (depth > 0)]
+    typical = float(np.median(known)) if len(known) else TYPICAL_DEPTH
+    frame = MapFrame(
+        origin=far_origin(camera_centre(cam_from_world), typical),
+        scale=metres_per_unit or TYPICAL_DEPTH / typical,
         metres_per_unit=metres_per_unit,
+    )
+    cam_from_map = frame.cam_from_map(cam_from_world)
+    depth_in_map = depth if frame.scale == 1.0 else (frame.scale * depth).astype(np.float32)
+    return Map(
+        scene=scene_from_rgbd(rgb, depth_in_map, camera, cam_from_map, settings),
+        references=References((PurePath(name).name,), cam_from_map[None], (camera,)),
+        descriptors=describe_references([to_photo(rgb, camera)], settings.retrieval),
+        frame=frame,
     )
 
 
@@ -121,7 +133,8 @@ def scene_from_rgbd(
     if np.count_nonzero(chosen) < 100:
         raise PhotoError("the depth image has fewer than 100 usable pixels; is its unit right?")
     surfels = _surfels(rgb, known_depth, chosen, camera, inverse(cam_from_world), settings)
-    return _fit_colours(surfels, rgb, chosen, camera, cam_from_world, settings)
+    near = near_plane(float(np.median(known_depth[chosen])))
+    return _fit_colours(replace(surfels, near=near), rgb, chosen, camera, cam_from_world, settings)
 
 
 def _away_from_edges(depth: Float64Array, max_step: float) -> BoolArray:

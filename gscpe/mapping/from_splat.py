@@ -58,7 +58,7 @@ def build_map(
     """
     settings = settings or MapSettings()
     photos = _ReferencePhotos(references, Path(image_folder))
-    return Map(
+    return Map.of(
         scene=scene,
         references=references,
         descriptors=describe_references(photos, settings.retrieval, progress),
@@ -69,7 +69,7 @@ def build_map(
 def map_without_references(scene: GaussianScene, metres_per_unit: float | None = 1.0) -> Map:
     """A map of a splat alone: it recognizes no place, so each query needs a prior pose."""
     nothing = np.zeros((0, 0), dtype=np.float32)
-    return Map(
+    return Map.of(
         scene=scene,
         references=References((), np.zeros((0, 4, 4)), ()),
         descriptors=GlobalDescriptors(vocabulary=nothing, descriptors=nothing),

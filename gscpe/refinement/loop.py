@@ -105,9 +105,8 @@ class RefinementResult:
         overlap: share of the image where both show the map, in [0, 1].
         pixels: that took part at full size.
         anchors: renders that served as templates.
-        metres_per_unit: the map's, or the one that lengths were scaled by.
-        tolerance_unit: metres per unit for tolerances, which are made for rooms: that of the
-            map, or smaller where the median depth is more than 2 m.
+        tolerance_unit: tolerances, which are made for rooms, are divided by it: 1 where the median
+            depth is between half a metre and 2 m; see :meth:`gscpe.RenderedView.tolerance_unit`.
         converged: whether the last level converged.
         reason: why it failed, or None.
     """
@@ -121,7 +120,6 @@ class RefinementResult:
     overlap: float
     pixels: int
     anchors: int
-    metres_per_unit: float
     tolerance_unit: float
     converged: bool
     reason: str | None = None
@@ -132,7 +130,6 @@ def refine_pose(
     photo: Photo,
     start_cam_from_world: Float64Array,
     settings: RefinementSettings,
-    metres_per_unit: float | None,
     observer: RefinementObserver | None = None,
 ) -> RefinementResult:
     """Aligns renders of the map to the photo, from a pose near the true one.
@@ -142,8 +139,6 @@ def refine_pose(
         photo: pinhole photo.
         start_cam_from_world: (4, 4), the coarse pose.
         settings: see :class:`RefinementSettings`.
-        metres_per_unit: of the map; None where unknown: then lengths in metres, made for
-            rooms, are scaled to the rendered depth.
         observer: is told of each anchor and each iteration.
     """
     observer = observer or RefinementObserver()
@@ -165,8 +160,7 @@ def refine_pose(
         view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
         observer.anchor_rendered(view)
-        unit = view.metres_per_unit(metres_per_unit)
-        tolerance_unit = view.tolerance_unit(metres_per_unit)
+        tolerance_unit = view.tolerance_unit()
         mask = visibility_mask(renderer, view, settings.visibility, tolerance_unit)
         observer.mask_made(mask)
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
@@ -193,7 +187,7 @@ def refine_pose(
             anchors, moved.distance, moved.degrees, alignment.motion_pixels,
             alignment.residual, alignment.pixels,
         )  # fmt: skip
-        if anchors >= settings.min_anchors and not _is_far(alignment, moved, unit, settings):
+        if anchors >= settings.min_anchors and not _is_far(alignment, moved, settings):
             break
     assert alignment is not None
     level = len(pyramid) - 1
@@ -212,20 +206,17 @@ def refine_pose(
         overlap=overlap,
         pixels=alignment.pixels,
         anchors=anchors,
-        metres_per_unit=unit,
         tolerance_unit=tolerance_unit,
         converged=alignment.converged,
     )
 
 
-def _is_far(
-    alignment: Alignment, moved: PoseDifference, unit: float, settings: RefinementSettings
-) -> bool:
+def _is_far(alignment: Alignment, moved: PoseDifference, settings: RefinementSettings) -> bool:
     """Whether the anchor is too far away to be the last."""
     metres, degrees = settings.rerender_translation, settings.rerender_rotation_degrees
     if metres is None and degrees is None:
         return alignment.motion_pixels > settings.rerender_pixels
-    return (metres is not None and moved.distance * unit > metres) or (
+    return (metres is not None and moved.distance > metres) or (
         degrees is not None and moved.degrees > degrees
     )
 
@@ -282,6 +273,4 @@ def _all_valid(photo: Photo) -> BoolArray:
 
 def _failed(reason: str, anchors: int) -> RefinementResult:
     nan = float("nan")
-    return RefinementResult(
-        None, None, nan, nan, nan, nan, 0.0, 0, anchors, nan, nan, False, reason
-    )
+    return RefinementResult(None, None, nan, nan, nan, nan, 0.0, 0, anchors, nan, False, reason)

@@ -24,7 +24,6 @@ _U64 = np.uint64
 _FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
 _MIN_ALPHA = _F(1.0 / 255.0)
 _LOW_PASS = _F(0.3)
-_NEAR = _F(0.2)
 _SHIFT = 4  # TILE = 1 << _SHIFT
 
 
@@ -112,7 +111,7 @@ def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutof
 @njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
 def project(  # noqa: PLR0915 - one formula after the other; a call each would cost time
     begin, end, task, positions, means, quaternions, scales, opacities, sh, order,
-    view, centre, intrinsics, limits, stretch, size, antialiased,
+    view, centre, intrinsics, limits, stretch, size, near, antialiased,
     records, record_bits, tile_rows, keys, slot_of, counts,
 ):  # fmt: skip
     """Projects positions[begin:end] (EWA, as shaders/project.frag) into records, from slot
@@ -131,7 +130,7 @@ def project(  # noqa: PLR0915 - one formula after the other; a call each would c
     slot = begin
     for i in positions[begin:end]:
         z = _view_depth(means[i], view[2])
-        if z <= _NEAR:
+        if z <= near:
             continue
         opacity = opacities[i]
         inverse_z = one / z

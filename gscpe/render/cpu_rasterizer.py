@@ -70,6 +70,7 @@ class CpuRasterizer:
         arrays = (scene.means, scene.quaternions, scene.scales, scene.opacities, scene.sh)
         self._gaussians = (*(array[order] for array in arrays), order)
         self._antialiased = scene.antialiased
+        self._near = scene.near
         self._slot_of = np.zeros(len(scene), dtype=np.int32)
         self._threads = threads or available_cores()
         self._pool: ThreadPoolExecutor | None = None
@@ -99,6 +100,7 @@ class CpuRasterizer:
             limits.as_array(),
             np.float32(max(camera.fx, camera.fy) * limits.stretch()),
             np.array([camera.width, camera.height], dtype=np.float32),
+            np.float32(self._near),
             self._antialiased,
             records,
             records.view(np.uint32),

@@ -60,7 +60,7 @@ class GlRasterizer:
                 if gpu_sort is None:
                     gpu_sort = pays_on(self.driver)
                 if gpu_sort:
-                    self._gpu_order = self._make_gpu_order(self._context, len(scene))
+                    self._gpu_order = self._make_gpu_order(self._context, scene)
                 else:
                     self._cpu_order = VisibilityOrder(scene)
                 self.description = f"OpenGL, {self.driver.renderer}"
@@ -101,10 +101,10 @@ class GlRasterizer:
         self._cover = self._own(context.vertex_array(self._project_program, []))
         self._quads = self._own(context.vertex_array(self._splat_program, []))
 
-    def _make_gpu_order(self, context: moderngl.Context, count: int) -> GpuOrder:
+    def _make_gpu_order(self, context: moderngl.Context, scene: GaussianScene) -> GpuOrder:
         if self.driver.version_code < GL_NEEDED:
             raise RenderError(f"sorting on the GPU needs OpenGL 4.3; this is {self.driver.version}")
-        order = GpuOrder(context, count, self._gaussians, self._projection)
+        order = GpuOrder(context, len(scene), scene.near, self._gaussians, self._projection)
         self._owned.append(order)
         return order
 

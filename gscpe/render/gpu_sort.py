@@ -11,7 +11,7 @@ from gscpe.arrays import Float64Array
 from gscpe.geometry.camera import Camera
 from gscpe.render.context import DriverInfo
 from gscpe.render.shader_source import shader_source
-from gscpe.render.splatting import NEAR, SlopeLimits
+from gscpe.render.splatting import SlopeLimits
 from gscpe.render.targets import ProjectionTargets
 
 GL_NEEDED = 430
@@ -41,6 +41,7 @@ class GpuOrder:
     Args:
         context: with OpenGL 4.3 or later; it must be current in all calls.
         count: the number of Gaussians.
+        near: distance below which their centres are too near to be drawn.
         gaussians: the texture that ``projection.glsl`` reads.
         targets: whose ``order`` and ``visible_count`` are written.
     """
@@ -49,10 +50,11 @@ class GpuOrder:
         self,
         context: moderngl.Context,
         count: int,
+        near: float,
         gaussians: moderngl.Texture,
         targets: ProjectionTargets,
     ) -> None:
-        self._context, self._count = context, count
+        self._context, self._count, self._near = context, count, near
         self._gaussians, self._targets = gaussians, targets
         self._blocks = -(-count // _BLOCK)
         sizes = {"threads": _THREADS, "per_thread": _PER_THREAD, "block": _BLOCK}
@@ -90,7 +92,7 @@ class GpuOrder:
             principal=(camera.cx, camera.cy),
             image_size=(camera.width, camera.height),
             stretch=max(camera.fx, camera.fy) * SlopeLimits.of(camera).stretch(),
-            near=NEAR,
+            near=self._near,
         )
         self._run(self._cull, self._blocks, {0: self._keys[0], 1: self._counts})
         self._targets.visible_count.bind_to_image(0, read=False, write=True)

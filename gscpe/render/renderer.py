@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from gscpe.arrays import Float64Array
 from gscpe.closing import Closing
 from gscpe.errors import RenderError
@@ -37,6 +41,7 @@ class Renderer(Closing):
             GlRasterizer(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
         )
         self.description = self._rasterizer.description
+        self._origin = scene.origin
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         """The splat as this camera sees it.
@@ -55,7 +60,12 @@ class Renderer(Closing):
             raise RenderError("rendering needs a pinhole camera; undistort the photo first")
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
         try:
-            return self._rasterizer.render(camera, cam_from_world)
+            if not np.any(self._origin):
+                return self._rasterizer.render(camera, cam_from_world)
+            cam_from_scene = cam_from_world.copy()
+            cam_from_scene[:3, 3] += cam_from_world[:3, :3] @ self._origin
+            view = self._rasterizer.render(camera, cam_from_scene)
+            return replace(view, cam_from_world=cam_from_world.copy())
         except MemoryError as error:
             raise RenderError(
                 f"there is not enough memory to render {camera.width}x{camera.height} pixels"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
-from gscpe.render.splatting import LOW_PASS, MIN_ALPHA, NEAR, SlopeLimits, sigmas_in_sight
+from gscpe.render.splatting import LOW_PASS, MIN_ALPHA, SlopeLimits, sigmas_in_sight
 from gscpe.scene.gaussians import GaussianScene
 
 _CHUNK = 256
@@ -24,7 +24,8 @@ class SpatialChunks:
         order: (M,) indices into the scene, along the curve; those fainter than 1/255 left out.
         begins: (C + 1,) chunk i is order[begins[i]:begins[i + 1]].
         centres, half_extents: (C, 3) bounding boxes of the chunks' means, in the world.
-        reaches: (C,) the farthest that alpha stays above 1/255, map units.
+        reaches: (C,) the farthest that alpha stays above 1/255.
+        near: distance below which centres are too near to be drawn.
     """
 
     order: IntArray
@@ -32,6 +33,7 @@ class SpatialChunks:
     centres: Float64Array
     half_extents: Float64Array
     reaches: Float32Array
+    near: float
 
     @classmethod
     def of(cls, scene: GaussianScene) -> SpatialChunks:
@@ -41,7 +43,7 @@ class SpatialChunks:
         begins = np.append(np.arange(0, len(order), _CHUNK), len(order))
         if not len(order):
             nothing = np.zeros((0, 3))
-            return cls(order, begins, nothing, nothing, np.zeros(0, dtype=np.float32))
+            return cls(order, begins, nothing, nothing, np.zeros(0, dtype=np.float32), scene.near)
         starts, means = begins[:-1], scene.means[order].astype(np.float64)
         low, high = np.minimum.reduceat(means, starts), np.maximum.reduceat(means, starts)
         reaches = sigmas_in_sight(scene.opacities[order]) * scene.scales[order].max(axis=1)
@@ -51,6 +53,7 @@ class SpatialChunks:
             centres=0.5 * (low + high),
             half_extents=0.5 * (high - low),
             reaches=np.maximum.reduceat(reaches, starts),
+            near=scene.near,
         )
 
     def positions_in_view(self, camera: Camera, cam_from_world: Float64Array) -> IntArray:
@@ -68,7 +71,7 @@ class SpatialChunks:
         """
         x_axis, y_axis, z_axis = cam_from_world[:3]  # rows: rotation and translation
         reaches = self.reaches * max(camera.fx, camera.fy) * SlopeLimits.of(camera).stretch()
-        seen = self._least(-z_axis) < -NEAR
+        seen = self._least(-z_axis) < -self.near
         for axis, focal, principal, size in (
             (x_axis, camera.fx, camera.cx, camera.width),
             (y_axis, camera.fy, camera.cy, camera.height),

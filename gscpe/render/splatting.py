@@ -9,9 +9,6 @@ import numpy as np
 from gscpe.arrays import Float32Array
 from gscpe.geometry.camera import Camera
 
-NEAR = 0.2
-"""Gaussians with a centre nearer than this (map units) are not drawn, as in 3DGS."""
-
 MIN_ALPHA = 1.0 / 255.0
 """Contributions below this are skipped."""
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array
 from gscpe.geometry.camera import Camera
+from gscpe.scene.map_frame import TYPICAL_DEPTH
 
-_TYPICAL_DEPTH = 2.0
+_CLOSE = 0.5
+"""Metres from which surfaces are seen, below which lengths made for rooms are too large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +35,14 @@ class RenderedView:
     camera: Camera
     cam_from_world: Float64Array
 
-    def metres_per_unit(self, known: float | None) -> float:
-        """The map's unit where it is known; else such that the median depth becomes 2 m, the
-        depth that tolerances in metres were made for; 1 where nothing is seen."""
-        if known is not None:
-            return known
-        return self._unit_of_the_depth()
-
-    def tolerance_unit(self, known: float | None) -> float:
-        """Metres per unit for tolerances in metres, which are made for rooms: as
-        :meth:`metres_per_unit`, or smaller where the median depth is more than 2 m."""
-        return min(self.metres_per_unit(known), self._unit_of_the_depth())
-
-    def _unit_of_the_depth(self) -> float:
+    def tolerance_unit(self, metres_per_unit: float = 1.0) -> float:
+        """Metres per unit for tolerances, which are made for rooms: of the unit where the median
+        depth is between half a metre and 2 m; smaller where it is more, larger where it is less."""
         seen = self.depth > 0
-        return _TYPICAL_DEPTH / float(np.median(self.depth[seen])) if np.any(seen) else 1.0
+        if not np.any(seen):
+            return metres_per_unit
+        depth = metres_per_unit * float(np.median(self.depth[seen]))
+        return metres_per_unit * min(1.0, TYPICAL_DEPTH / depth) * max(1.0, _CLOSE / depth)
 
 
 class Renders(Protocol):

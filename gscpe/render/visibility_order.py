@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
 from gscpe.render.spatial_chunks import SpatialChunks
-from gscpe.render.splatting import LOW_PASS, NEAR, SlopeLimits, sigmas_in_sight
+from gscpe.render.splatting import LOW_PASS, SlopeLimits, sigmas_in_sight
 from gscpe.scene.gaussians import GaussianScene
 
 
@@ -40,6 +40,7 @@ class VisibilityOrder:
 
     def __init__(self, scene: GaussianScene) -> None:
         self._chunks = SpatialChunks.of(scene)
+        self._near = scene.near
         order = self._chunks.order
         self._means = np.ascontiguousarray(scene.means[order].T)
         self._sigmas = sigmas_in_sight(scene.opacities[order])
@@ -49,14 +50,15 @@ class VisibilityOrder:
         """Indices of the Gaussians that may touch the image, farthest first, (M,) uint32."""
         rotation = cam_from_world[:3, :3].astype(np.float32)
         translation = cam_from_world[:3, 3].astype(np.float32)
-        near = self._chunks.positions_in_view(camera, cam_from_world)
-        means = self._means[:, near]
+        near_plane = np.float32(self._near)
+        seen = self._chunks.positions_in_view(camera, cam_from_world)
+        means = self._means[:, seen]
         z = view_depths(means, cam_from_world)
-        inverse_z = 1.0 / np.where(z > NEAR, z, 1.0).astype(np.float32)
+        inverse_z = 1.0 / np.where(z > near_plane, z, 1.0).astype(np.float32)
         stretch = np.float32(max(camera.fx, camera.fy) * SlopeLimits.of(camera).stretch())
-        radius = self._reach[near] * inverse_z * stretch
-        radius += self._sigmas[near] * np.float32(np.sqrt(LOW_PASS))
-        inside = z > NEAR
+        radius = self._reach[seen] * inverse_z * stretch
+        radius += self._sigmas[seen] * np.float32(np.sqrt(LOW_PASS))
+        inside = z > near_plane
         for row, focal, principal, size in (
             (0, camera.fx, camera.cx, camera.width),
             (1, camera.fy, camera.cy, camera.height),
@@ -65,6 +67,6 @@ class VisibilityOrder:
             pixel = pixel * np.float32(focal) + np.float32(principal)
             inside &= (pixel + radius > 0) & (pixel - radius < size)
         visible = np.flatnonzero(inside)
-        indices = self._chunks.order[near[visible]]
+        indices = self._chunks.order[seen[visible]]
         nearest_first = depth_order(z[visible], indices)
         return indices[nearest_first[::-1]].astype(np.uint32)

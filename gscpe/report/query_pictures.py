@@ -76,7 +76,7 @@ def draw_query(
     trusted_pixels = None
     if detail["status"] == "localized":
         mask_settings = localizer.settings.refinement.visibility
-        unit = view.tolerance_unit(localizer.map.metres_per_unit)
+        unit = view.tolerance_unit(localizer.map.frame.scale)
         mask = visibility_mask(localizer, view, mask_settings, unit)
         trusted_pixels = float(mask.mean())
         aligned = detail["aligned"] or {}

@@ -5,6 +5,7 @@ from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.image_file import read_image, read_image_of, to_uint8, write_image
 from gscpe.scene.map import Map
 from gscpe.scene.map_folder import open_map, save_map
+from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.photo import Photo, luminance, to_photo
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
 from gscpe.scene.splat_file import read_splat
@@ -15,6 +16,7 @@ __all__ = [
     "GaussianScene",
     "GlobalDescriptors",
     "Map",
+    "MapFrame",
     "Photo",
     "References",
     "camera_from_exif",

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gscpe.arrays import BoolArray, Float32Array, IntArray
+from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
 from gscpe.errors import SplatError
 
 LARGEST = 1e15
 """Of any value: squares of it, in pixels, still fit float32 where scenes are rendered."""
+
+NEAR = 0.2
+"""The near plane of 3DGS: Gaussians with a centre nearer than this are not drawn."""
+
+_FAR = 100.0
+"""Extents of a scene from zero, beyond which it gets an origin of its own."""
 
 SH_C0 = 0.28209479177387814
 """The constant spherical harmonic; ``colour = 0.5 + SH_C0 * sh[:, 0]`` at degree 0."""
@@ -25,13 +31,17 @@ class GaussianScene:
     All arrays are float32, finite, and within 1e15 of zero; N > 0.
 
     Attributes:
-        means: (N, 3) centres in the world, map units.
-        quaternions: (N, 4) unit quaternions (w, x, y, z), the Gaussian's axes in the world.
-        scales: (N, 3) standard deviations along the axes, map units, > 0.
+        means: (N, 3) centres, relative to ``origin``.
+        quaternions: (N, 4) unit quaternions (w, x, y, z), the Gaussian's axes in the
+            world.
+        scales: (N, 3) standard deviations along the axes, > 0.
         opacities: (N,) in [0, 1].
         sh: (N, K, 3) spherical harmonic coefficients of the colour, K = 1, 4, 9 or 16.
         antialiased: whether the splat was trained with the opacity compensation of
             Mip-Splatting (2024), so that rendering must apply it too.
+        near: Gaussians whose centres are nearer to the camera than this are not drawn.
+        origin: (3,) float64, what the means are relative to in the world; not 0 where the
+            scene is so far away (UTM) that float32 would not do.
 
     Raises:
         SplatError: a shape or a value is out of these bounds.
@@ -43,6 +53,8 @@ class GaussianScene:
     opacities: Float32Array
     sh: Float32Array
     antialiased: bool = False
+    near: float = NEAR
+    origin: Float64Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         n = len(self.means)
@@ -63,6 +75,10 @@ class GaussianScene:
             raise SplatError("scales must be positive")
         if np.any((self.opacities < 0) | (self.opacities > 1)):
             raise SplatError("opacities must lie in [0, 1]")
+        if not 0 < self.near < np.inf:
+            raise SplatError(f"the near plane must be at a positive distance, not {self.near}")
+        if self.origin.shape != (3,) or not np.all(np.isfinite(self.origin)):
+            raise SplatError("the origin of a splat must be three finite numbers")
 
     @staticmethod
     def _check(name: str, array: Float32Array, shape: tuple[int, ...]) -> None:
@@ -105,17 +121,26 @@ class GaussianScene:
 
 
 def joined(scenes: Sequence[GaussianScene]) -> GaussianScene:
-    """All of their Gaussians; harmonics that some do not have are zero."""
+    """All of their Gaussians, relative to the origin of the first; harmonics that some do not
+    have are zero."""
+    first = scenes[0]
     most = max(scene.sh.shape[1] for scene in scenes)
     sh = [np.pad(s.sh, ((0, 0), (0, most - s.sh.shape[1]), (0, 0))) for s in scenes]
+    means = [(s.means + (s.origin - first.origin)).astype(np.float32) for s in scenes]
     return replace(
-        scenes[0],
-        means=np.concatenate([scene.means for scene in scenes]),
+        first,
+        means=np.concatenate(means),
         quaternions=np.concatenate([scene.quaternions for scene in scenes]),
         scales=np.concatenate([scene.scales for scene in scenes]),
         opacities=np.concatenate([scene.opacities for scene in scenes]),
         sh=np.concatenate(sh),
     )
+
+
+def far_origin(point: Float64Array, extent: float) -> Float64Array:
+    """An origin, (3,), for coordinates around a point, (3,), that extend so far: zero where they
+    are near zero anyway; else the point, where float32 would lose what matters."""
+    return np.round(point) if np.linalg.norm(point) > _FAR * extent else np.zeros(3)
 
 
 def normalized_quaternions(quaternions: ArrayLike) -> Float32Array:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gscpe.errors import MapError
 from gscpe.scene.gaussians import GaussianScene
+from gscpe.scene.map_frame import MapFrame, typical_depth
 from gscpe.scene.references import GlobalDescriptors, References
 
 
@@ -15,17 +16,58 @@ from gscpe.scene.references import GlobalDescriptors, References
 class Map:
     """A Gaussian splat, its reference photos' poses, and their global descriptors.
 
+    Scene and references are in the map's own frame, near its origin and in metres; see
+    :class:`MapFrame`.
+
     Attributes:
-        metres_per_unit: of all coordinates; None where it is not known.
+        scene: the splat.
+        references: ``cam_from_world`` of the photos, where the world is the map's own frame;
+            :attr:`world_references` has them in the frame of whoever built the map.
+        descriptors: one a reference photo.
+        frame: where the map's frame lies in the world.
     """
 
     scene: GaussianScene
     references: References
     descriptors: GlobalDescriptors
-    metres_per_unit: float | None = 1.0
+    frame: MapFrame = field(default_factory=MapFrame)
 
     def __post_init__(self) -> None:
-        if self.metres_per_unit is not None and not 0 < self.metres_per_unit < np.inf:
-            raise MapError(f"metres per unit must be positive, not {self.metres_per_unit}")
+        if np.any(self.scene.origin):
+            raise MapError("the scene of a map must be in the map's frame; use Map.of")
         if len(self.references) != len(self.descriptors.descriptors):
             raise MapError("a map needs one global descriptor for each reference photo")
+
+    @classmethod
+    def of(
+        cls,
+        scene: GaussianScene,
+        references: References,
+        descriptors: GlobalDescriptors,
+        metres_per_unit: float | None = 1.0,
+    ) -> Map:
+        """A map of a splat and references that are in one frame, the world.
+
+        Args:
+            scene, references: in the world.
+            descriptors: of the references.
+            metres_per_unit: length of a world unit in metres; None where it is not known.
+        """
+        frame = MapFrame.around(scene, references, metres_per_unit)
+        return cls(
+            scene=frame.scene_in_map(scene, typical_depth(scene, references)),
+            references=frame.references_in_map(references),
+            descriptors=descriptors,
+            frame=frame,
+        )
+
+    @property
+    def metres_per_unit(self) -> float | None:
+        """Length of a unit of the world in metres; None where it is not known."""
+        return self.frame.metres_per_unit
+
+    @property
+    def world_references(self) -> References:
+        """The references in the frame of whoever built the map."""
+        poses = self.frame.cam_from_world(self.references.cam_from_world)
+        return replace(self.references, cam_from_world=poses)

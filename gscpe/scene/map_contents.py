@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Mapping
 
@@ -21,6 +21,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.scene.compression import compress, decompressed
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
+from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
 from gscpe.scene.splat_file import splat_from_bytes
 
@@ -61,25 +62,43 @@ def from_contents(contents: Mapping[str, bytes], folder: Path) -> Map:
         Exception: whatever parsers raise where a file is damaged.
     """
     load = _load_plain if _GAUSSIANS in contents else _load_compressed
-    scene, metres_per_unit = load(contents, folder)
+    scene, frame = load(contents, folder)
     return Map(
         scene=scene,
         references=_references_from_json(contents[_REFERENCES]),
         descriptors=_retrieval_from_npz(contents[_RETRIEVAL]),
-        metres_per_unit=metres_per_unit,
+        frame=frame,
     )
 
 
 def _plain_gaussians(map_: Map) -> dict[str, bytes]:
     arrays = _scene_arrays(map_.scene)
-    arrays["metres_per_unit"] = np.array(map_.metres_per_unit or np.nan)
+    arrays["near"] = np.array(map_.scene.near)
+    arrays["frame"] = np.array(json.dumps(_frame_to_data(map_.frame)))
     return {_GAUSSIANS: _npz(arrays)}
 
 
-def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, float | None]:
+def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
     gaussians = _load_npz(contents[_GAUSSIANS])
-    unit = float(gaussians["metres_per_unit"])
-    return _scene_from_arrays(gaussians), None if np.isnan(unit) else unit
+    scene = replace(_scene_from_arrays(gaussians), near=float(gaussians["near"]))
+    return scene, _frame_from_data(json.loads(str(gaussians["frame"])))
+
+
+def _frame_to_data(frame: MapFrame) -> dict[str, Any]:
+    return {
+        "origin": frame.origin.tolist(),
+        "scale": frame.scale,
+        "metres_per_unit": frame.metres_per_unit,
+    }
+
+
+def _frame_from_data(data: Mapping[str, Any]) -> MapFrame:
+    unit = data["metres_per_unit"]
+    return MapFrame(
+        origin=np.array(data["origin"], dtype=np.float64),
+        scale=float(data["scale"]),
+        metres_per_unit=None if unit is None else float(unit),
+    )
 
 
 def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
@@ -91,25 +110,25 @@ def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
         ) from None
     rest: dict[str, Any] = {
         "factor": 2.0**compressed.exponent,
-        "metres_per_unit": map_.metres_per_unit,
+        "near": map_.scene.near,
+        "frame": _frame_to_data(map_.frame),
     }
     if compressed.apart is not None:
         rest["apart"] = base64.b64encode(_npz(_scene_arrays(compressed.apart))).decode()
     return {_SPZ: compressed.spz, _SPZ_FACTOR: json.dumps(rest).encode()}
 
 
-def _load_compressed(
-    contents: Mapping[str, bytes], folder: Path
-) -> tuple[GaussianScene, float | None]:
+def _load_compressed(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
     rest = json.loads(contents[_SPZ_FACTOR])
-    factor, unit = float(rest["factor"]), rest["metres_per_unit"]
+    factor = float(rest["factor"])
     if not 0 < factor < np.inf:
         raise MapError(f"the factor of the coordinates is {factor}")
     many = splat_from_bytes(contents[_SPZ], folder / _SPZ)
     apart = None
     if "apart" in rest:
         apart = _scene_from_arrays(_load_npz(base64.b64decode(rest["apart"], validate=True)))
-    return decompressed(many, factor, apart), None if unit is None else float(unit)
+    scene = replace(decompressed(many, factor, apart), near=float(rest["near"]))
+    return scene, _frame_from_data(rest["frame"])
 
 
 def _scene_arrays(scene: GaussianScene) -> dict[str, NDArray[Any]]:

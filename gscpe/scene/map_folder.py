@@ -19,16 +19,13 @@ from gscpe.scene.map_contents import (
     COMPRESSED,
     GAUSSIANS,
     PLAIN,
-    VLAD,
     from_contents,
     to_contents,
 )
 from gscpe.scene.splat_formats import require_gaussforge
 
 FORMAT = "gscpe map"
-VERSION = 3
-_PLAIN_VERSION = 1  # what a gscpe before compression reads
-_COMPRESSED_VERSION = 2  # what a gscpe before other descriptors than VLAD reads
+VERSION = 4
 _SEAL = "map.json"
 
 
@@ -49,7 +46,7 @@ def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
     contents = to_contents(map_, compress)
     manifest = {
         "format": FORMAT,
-        "version": _version(map_, compress),
+        "version": VERSION,
         "gaussians": len(map_.scene),
         "references": len(map_.references),
         "files": {
@@ -105,13 +102,6 @@ def open_map(folder: str | Path) -> Map:
         raise MapError(f"map {folder} is damaged ({error}); build it again") from error
 
 
-def _version(map_: Map, compress: bool) -> int:
-    """The least that has all the map needs."""
-    if map_.descriptors.method != VLAD:
-        return VERSION
-    return _COMPRESSED_VERSION if compress else _PLAIN_VERSION
-
-
 def _temporary_beside(folder: Path) -> Path:
     """A new folder on the same disk, so that it can be renamed to ``folder``."""
     try:
@@ -143,7 +133,11 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise MapError(f"{path} does not describe a gscpe map")
     if version > VERSION:
         raise MapError(
-            f"map {folder} has version {version}, this gscpe reads up to {VERSION}; update gscpe"
+            f"map {folder} has version {version}, this gscpe reads {VERSION}; update gscpe"
+        )
+    if version < VERSION:
+        raise MapError(
+            f"map {folder} has version {version}, this gscpe reads {VERSION}; build the map again"
         )
     files = manifest.get("files")
     if not isinstance(files, dict) or set(files) not in (PLAIN, COMPRESSED):

@@ -31,7 +31,6 @@ def ply_bytes(scene: GaussianScene, *, means_exponent: int = 0, scales_exponent:
     log_scales = np.log(scene.scales.astype(np.float64)) + scales_exponent * np.log(2.0)
     table = np.concatenate(
         [
-            np.ldexp(scene.means, means_exponent),
             np.zeros((count, 3), dtype=np.float32),
             scene.sh[:, 0],
             scene.sh[:, 1:].transpose(0, 2, 1).reshape(count, rest),
@@ -42,16 +41,23 @@ def ply_bytes(scene: GaussianScene, *, means_exponent: int = 0, scales_exponent:
         axis=1,
     )
     names = [
-        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"),
+        *("nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"),
         *(f"f_rest_{i}" for i in range(rest)),
         *("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
     ]
+    far = bool(np.any(scene.origin))  # float32 would round the coordinates
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *([f"comment {ANTIALIASED_COMMENT}"] if scene.antialiased else []),
         f"element vertex {count}",
+        *(f"property {'double' if far else 'float'} {axis}" for axis in "xyz"),
         *(f"property float {name}" for name in names),
         "end_header",
     ]
-    return "\n".join(header).encode() + b"\n" + table.astype("<f4", copy=False).tobytes()
+    means = np.ldexp(scene.means.astype(np.float64) + scene.origin, means_exponent)
+    rows = np.empty(
+        count, dtype=[("means", "<f8" if far else "<f4", 3), ("rest", "<f4", len(names))]
+    )
+    rows["means"], rows["rest"] = means, table
+    return "\n".join(header).encode() + b"\n" + rows.tobytes()

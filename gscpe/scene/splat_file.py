@@ -11,9 +11,9 @@ from typing import Any, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gscpe.arrays import Float32Array
+from gscpe.arrays import Float32Array, Float64Array
 from gscpe.errors import SplatError
-from gscpe.scene.gaussians import GaussianScene, joined
+from gscpe.scene.gaussians import GaussianScene, far_origin, joined
 from gscpe.scene.ply_bytes import ANTIALIASED_COMMENT
 from gscpe.scene.sog_folder import bundled, finest_chunks
 from gscpe.scene.splat_formats import to_ply
@@ -74,7 +74,7 @@ def splat_from_bytes(data: bytes, path: Path) -> GaussianScene:
 def _scene(vertices: NDArray[np.void], antialiased: bool, path: Path) -> GaussianScene:
     names = vertices.dtype.names or ()
 
-    def columns(*wanted: str) -> Float32Array:
+    def columns(*wanted: str, dtype: type[Any] = np.float32) -> NDArray[Any]:
         missing = [name for name in wanted if name not in names]
         if missing:
             raise SplatError(
@@ -82,11 +82,9 @@ def _scene(vertices: NDArray[np.void], antialiased: bool, path: Path) -> Gaussia
                 "export the trained splat, not a point cloud or a mesh"
             )
         with np.errstate(over="ignore"):  # rows with infinite values are left out
-            return np.stack(
-                [np.asarray(vertices[name], dtype=np.float32) for name in wanted], axis=1
-            )
+            return np.stack([np.asarray(vertices[name], dtype=dtype) for name in wanted], axis=1)
 
-    means = columns("x", "y", "z")
+    means, origin = _near_an_origin(columns("x", "y", "z", dtype=np.float64))
     flat = "scale_2" not in names and "scale_1" in names  # surfels of 2D Gaussian Splatting
     log_scales = columns("scale_0", "scale_1", *(() if flat else ("scale_2",)))
     quaternions = columns("rot_0", "rot_1", "rot_2", "rot_3")
@@ -105,7 +103,9 @@ def _scene(vertices: NDArray[np.void], antialiased: bool, path: Path) -> Gaussia
     for colour in range(3 if kept > 1 else 0):
         first = colour * (stored - 1)
         sh[:, 1:, colour] = columns(*(f"f_rest_{first + i}" for i in range(kept - 1)))
-    return gaussians_from_rows(str(path), means, log_scales, quaternions, logits, sh, antialiased)
+    return gaussians_from_rows(
+        str(path), means, log_scales, quaternions, logits, sh, antialiased, origin
+    )
 
 
 def _index_file(path: Path) -> Path:
@@ -126,6 +126,19 @@ def _rows_of(
     if max(end for _, end in rows) > len(scene) or min(begin for begin, _ in rows) < 0:
         raise SplatError(f"{path} names Gaussians that a chunk does not have; export it again")
     return scene.taken(np.concatenate([np.arange(*each) for each in rows]))
+
+
+def _near_an_origin(means: Float64Array) -> tuple[Float32Array, Float64Array]:
+    """Means as float32, (N, 3), relative to an origin, (3,): zero, unless the scene is so far from
+    it (UTM) that float32 would lose what matters."""
+    finite = means[np.isfinite(means).all(axis=1)]
+    origin = np.zeros(3)
+    if len(finite):
+        middle = np.median(finite, axis=0)
+        spread = float(np.median(np.linalg.norm(finite - middle, axis=1)))
+        origin = far_origin(middle, spread)
+    with np.errstate(over="ignore"):  # rows with infinite values are left out
+        return (means - origin).astype(np.float32), origin
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -163,9 +176,9 @@ def _parse_ply(data: bytes, path: Path) -> NDArray[np.void]:
 
 def _rows(columns: dict[str, NDArray[Any]], count: int) -> NDArray[np.void]:
     """A structured array of columns of this length; ValueError where they have another."""
-    rows = np.empty(count, dtype=[(name, np.float32) for name in columns])
+    rows = np.empty(count, dtype=[(name, np.float64) for name in columns])
     for name, column in columns.items():
-        rows[name] = column.astype(np.float32).reshape(count)
+        rows[name] = column.reshape(count)
     return rows
 
 

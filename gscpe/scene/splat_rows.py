@@ -11,7 +11,7 @@ import logging
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array
+from gscpe.arrays import BoolArray, Float32Array, Float64Array
 from gscpe.errors import SplatError
 from gscpe.scene.gaussians import LARGEST, GaussianScene, normalized_quaternions
 
@@ -30,19 +30,20 @@ def gaussians_from_rows(
     logits: Float32Array,
     sh: Float32Array,
     antialiased: bool,
+    origin: Float64Array,
 ) -> GaussianScene:
     """The Gaussians of the rows that can be used; a warning says how many cannot.
 
     Args:
         what: name of the file, for messages.
-        means: (N, 3).
+        means: (N, 3), relative to ``origin``.
         log_scales: (N, 3), or (N, 2) for the surfels of 2D Gaussian Splatting (Huang et al.,
             2024), whose normal is the third axis. An axis of no length, here or where a
             logarithm is -inf, gets a thousandth of the Gaussian's smallest other one.
         quaternions: (N, 4) of any length.
         logits: (N,) of the opacities; infinite ones are opaque or transparent.
         sh: (N, K, 3).
-        antialiased: see GaussianScene.
+        antialiased, origin: see GaussianScene.
 
     Raises:
         SplatError: there are no rows, or most of them are bad.
@@ -52,7 +53,8 @@ def gaussians_from_rows(
         scales = np.exp(log_scales)
         units = normalized_quaternions(quaternions)
         opacities = np.asarray(1.0 / (1.0 + np.exp(-logits)), dtype=np.float32)
-    zeros = _all_zero(means, log_scales, quaternions, logits[:, None], sh)
+    at_zero = means - (-origin).astype(np.float32)
+    zeros = _all_zero(at_zero, log_scales, quaternions, logits[:, None], sh)
     scales, flat = _thickened(scales)
     values = (means, scales, units, opacities[:, None], sh)
     finite = np.logical_and.reduce([_all_finite(value) for value in values])
@@ -87,6 +89,7 @@ def gaussians_from_rows(
         opacities=opacities[keep],
         sh=sh[keep],
         antialiased=antialiased,
+        origin=origin,
     )
 
 

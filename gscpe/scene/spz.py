@@ -42,6 +42,8 @@ def encode_spz(scene: GaussianScene, exponent: int = 0) -> bytes:
             the Gaussians are smaller than exp(-10) along all axes and would be enlarged.
         MissingDependencyError: gaussforge is not installed.
     """
+    if np.any(scene.origin):
+        raise OutputError("coordinates so far from zero do not fit into .spz; write a .ply")
     bits = max_exponent(scene) - exponent
     if bits < 0:
         raise OutputError(

@@ -38,6 +38,7 @@ def turned(scene: GaussianScene, rotation: ArrayLike) -> GaussianScene:
         means=(scene.means.astype(np.float64) @ matrix.T).astype(np.float32),
         quaternions=quaternions.as_quat(scalar_first=True).astype(np.float32),
         sh=sh,
+        origin=matrix @ scene.origin,
     )
 
 

@@ -20,7 +20,8 @@ _log = logging.getLogger(__name__)
 def write_splat(scene: GaussianScene, path: str | Path) -> None:
     """Writes a splat; the ending names the format. An older file is replaced at the end.
 
-    ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding.
+    ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding;
+    the coordinates in double precision where the scene has an origin far away.
     ``.spz``: about a tenth of the size, through gaussforge; what rounding costs stands at
     :func:`gscpe.scene.spz.encode_spz`. A few Gaussians so far away or so huge that the others
     would be rounded coarsely with them are left out, with a warning. Coordinates and axes stay

@@ -55,7 +55,7 @@ class Stub:
         )
         nan = float("nan")
         aligned = RefinementResult(
-            pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, 1.0, 1.0, True
+            pose_of(number), np.eye(6), 1.0, 0.0, nan, 0.9, 0.8, 1000, 2, 1.0, True
         )
         attempt = Attempt(Start("reference", coarse_pose, "ref.png"), coarse, aligned, None)
         return LocalizationResult(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import ROOM_POSE, RayCastRenderer, room, room_camera, scaled_pose
+from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.coarse import CoarseResult, CoarseSettings, estimate_coarse_pose
 from gscpe.errors import SettingsError
@@ -23,30 +23,27 @@ STEP = np.array([0.12, -0.06, 0.1, 0.03, -0.07, 0.05])
 def estimate(
     start: NDArray[np.float64],
     *,
-    scale: float = 1.0,
-    unit: float | None = 1.0,
     renderer: Any = None,
     photo: NDArray[np.uint8] | None = None,
     **settings: Any,
 ) -> CoarseResult:
-    """The pose of the photo taken at ROOM_POSE, in a room of another size if need be."""
+    """The pose of the photo taken at ROOM_POSE."""
     matcher = SiftMatcher()
     if photo is None:
-        photo = room().scaled(scale).shoot(CAMERA, scaled_pose(ROOM_POSE, scale)).uint8
+        photo = room().shoot(CAMERA, ROOM_POSE).uint8
     return estimate_coarse_pose(
-        renderer or RayCastRenderer(room().scaled(scale)),
+        renderer or RayCastRenderer(room()),
         matcher,
         matcher.prepare(photo, None),
         CAMERA,
-        scaled_pose(start, scale),
+        start,
         CoarseSettings(**settings),
-        unit,
     )
 
 
-def error_of(result: CoarseResult, scale: float = 1.0) -> PoseDifference:
+def error_of(result: CoarseResult) -> PoseDifference:
     assert result.cam_from_world is not None
-    return pose_difference(scaled_pose(result.cam_from_world, 1.0 / scale), ROOM_POSE)
+    return pose_difference(result.cam_from_world, ROOM_POSE)
 
 
 def test_it_finds_the_true_pose() -> None:
@@ -77,26 +74,6 @@ def test_it_stops_where_it_already_is() -> None:
     error = error_of(result)
     assert error.distance < 3e-4
     assert error.degrees < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("scale", "unit"), [(10.0, 0.1), (0.01, 100.0), (10.0, None), (0.01, None)]
-)
-def test_units_do_not_matter(scale: float, unit: float | None) -> None:
-    start = se3.exp(STEP) @ ROOM_POSE
-    metric, scaled = estimate(start), estimate(start, scale=scale, unit=unit)
-    assert scaled.inliers == pytest.approx(metric.inliers, abs=3)
-    assert scaled.rounds == metric.rounds
-    assert scaled.converged == metric.converged
-    assert error_of(scaled, scale).distance < 3e-4
-
-
-def test_a_wrong_unit_would_be_noticed() -> None:
-    """A tolerance of 2 cm is met at once where a unit is taken for a tenth of a millimetre."""
-    start = se3.exp([0.05, 0, 0, 0, 0, 0]) @ ROOM_POSE
-    loose = {"rotation_tolerance_degrees": 0.5}
-    assert estimate(start, **loose).rounds == 2
-    assert estimate(start, unit=1e-4, **loose).rounds == 1
 
 
 def test_repeatable() -> None:

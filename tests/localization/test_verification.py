@@ -23,10 +23,12 @@ from gscpe.localization.verification import (
     inlier_spread,
 )
 from gscpe.refinement import RefinementResult
+from gscpe.scene import MapFrame
 
 CAMERA = Camera.pinhole(640, 480, fx=525, fy=525, cx=320, cy=240)
 SETTINGS = VerificationSettings()
 FUSION = FusionSettings()
+FRAME = MapFrame()
 GRID = np.stack(np.meshgrid([80, 240, 400, 560], [60, 180, 300, 420]), axis=-1).reshape(-1, 2)
 
 COARSE = CoarseResult(
@@ -49,7 +51,6 @@ ALIGNED = RefinementResult(
     overlap=0.9,
     pixels=100_000,
     anchors=2,
-    metres_per_unit=1.0,
     tolerance_unit=1.0,
     converged=True,
 )
@@ -61,11 +62,11 @@ def coarse_doubt(**changes: Any) -> str | None:
 
 
 def aligned_doubt(**changes: Any) -> str | None:
-    return doubt_about_aligned(COARSE, replace(ALIGNED, **changes), SETTINGS, FUSION)
+    return doubt_about_aligned(COARSE, replace(ALIGNED, **changes), SETTINGS, FUSION, FRAME)
 
 
 def tracked_doubt(**changes: Any) -> str | None:
-    return doubt_about_tracked(PRIOR, replace(ALIGNED, **changes), SETTINGS)
+    return doubt_about_tracked(PRIOR, replace(ALIGNED, **changes), SETTINGS, FRAME)
 
 
 def test_no_doubt() -> None:
@@ -103,11 +104,11 @@ def test_doubts_about_the_coarse_pose(changes: dict[str, Any], reason: str) -> N
         ({"agreement": float("nan")}, "the map does not look like the photo"),
         (
             {"cam_from_world": se3.exp([0.11, 0, 0, 0, 0, 0])},
-            "matches and image alignment contradict each other by 0.110",
+            "matches and image alignment contradict each other by 0.11 m",
         ),
         (
             {"cam_from_world": se3.exp([0, 0, 0, 0, np.radians(3.1), 0])},
-            "contradict each other by 0.000 and 3.10 degrees",
+            "contradict each other by 0 m and 3.10 degrees",
         ),
     ],
 )
@@ -146,7 +147,7 @@ def test_a_pose_that_is_not_determined_is_doubted(
 ) -> None:
     changes: dict[str, Any] = {"covariance": np.diag(np.square(sigmas)), "tolerance_unit": unit}
     unsure = replace(COARSE, covariance=None)
-    by_both = doubt_about_aligned(unsure, replace(ALIGNED, **changes), SETTINGS, FUSION)
+    by_both = doubt_about_aligned(unsure, replace(ALIGNED, **changes), SETTINGS, FUSION, FRAME)
     for doubt in (by_both, tracked_doubt(**changes)):
         assert (doubt is not None and "does not determine the pose" in doubt) == doubted
 
@@ -156,7 +157,7 @@ def test_a_pose_that_is_not_determined_is_doubted(
     [
         ({"agreement": 0.45}, "0.50 needed"),
         ({"converged": False}, "did not converge"),
-        ({"cam_from_world": se3.exp([0.09, 0, 0, 0, 0, 0])}, "left the prior by 0.090"),
+        ({"cam_from_world": se3.exp([0.09, 0, 0, 0, 0, 0])}, "left the prior by 0.09 m"),
         ({"cam_from_world": se3.exp([0, 0, 0, 0.08, 0, 0])}, "left the prior"),
         ({"overlap": 0.1}, "only 10% of the photo"),
         ({"covariance": None, "reason": "nothing to see"}, "nothing to see"),
@@ -193,7 +194,7 @@ def test_an_alignment_that_determines_nothing_contradicts_nothing() -> None:
     lost = {"cam_from_world": far, "covariance": 4.0 * np.eye(6)}
     assert aligned_doubt(**lost) is None
     unsure = replace(COARSE, covariance=np.diag([0.03**2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6]))
-    doubt = doubt_about_aligned(unsure, replace(ALIGNED, **lost), SETTINGS, FUSION)  # type: ignore[arg-type]
+    doubt = doubt_about_aligned(unsure, replace(ALIGNED, **lost), SETTINGS, FUSION, FRAME)  # type: ignore[arg-type]
     assert doubt is not None
     assert "does not determine the pose" in doubt
-    assert doubt_about_aligned(unsure, ALIGNED, SETTINGS, FUSION) is None
+    assert doubt_about_aligned(unsure, ALIGNED, SETTINGS, FUSION, FRAME) is None

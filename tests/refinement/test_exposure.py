@@ -51,7 +51,7 @@ def test_a_clipped_photo_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def refine() -> RefinementResult:
         renderer = RayCastRenderer(room())
-        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings(), 1.0)  # type: ignore[arg-type]
+        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings())  # type: ignore[arg-type]
 
     result = refine()
     assert result.cam_from_world is not None

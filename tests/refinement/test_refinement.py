@@ -26,7 +26,6 @@ def refine(
     rgb: NDArray[np.uint8] | None = None,
     valid: NDArray[np.bool_] | None = None,
     scale: float = 1.0,
-    unit: float | None = 1.0,
     renderer: Any = None,
     **settings: Any,
 ) -> RefinementResult:
@@ -35,9 +34,7 @@ def refine(
         rgb = room().shoot(CAMERA, ROOM_POSE).uint8
     renderer = renderer or RayCastRenderer(room().scaled(scale))
     start = scaled_pose(start, scale)
-    return refine_pose(
-        renderer, Photo(rgb, CAMERA, valid), start, RefinementSettings(**settings), unit
-    )
+    return refine_pose(renderer, Photo(rgb, CAMERA, valid), start, RefinementSettings(**settings))
 
 
 def error_of(result: RefinementResult, scale: float = 1.0) -> PoseDifference:
@@ -75,30 +72,28 @@ def test_light_and_noise(rng: np.random.Generator) -> None:
     assert result.bias == pytest.approx(0.1, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("scale", "unit"), [(10.0, 0.1), (0.01, 100.0), (10.0, None), (0.01, None)]
-)
-def test_units_do_not_matter(scale: float, unit: float | None) -> None:
+@pytest.mark.parametrize("scale", [0.3, 10.0])
+def test_it_works_in_rooms_of_other_sizes(scale: float) -> None:
     start = se3.exp(STEP) @ ROOM_POSE
-    metric, scaled = refine(start), refine(start, scale=scale, unit=unit)
-    assert error_of(scaled, scale).distance < 5e-5
-    assert scaled.pixels == pytest.approx(metric.pixels, rel=0.05)
-    assert metric.covariance is not None
-    assert scaled.covariance is not None
-    # Translation in map units, rotation in radians.
+    usual, other = refine(start), refine(start, scale=scale)
+    assert error_of(other, scale).distance < 5e-5
+    assert other.pixels == pytest.approx(usual.pixels, rel=0.05)
+    assert usual.covariance is not None
+    assert other.covariance is not None
     unscale = np.array([1 / scale] * 3 + [1] * 3)
-    ratio = np.diag(scaled.covariance) * unscale**2 / np.diag(metric.covariance)
+    ratio = np.diag(other.covariance) * unscale**2 / np.diag(usual.covariance)
     np.testing.assert_allclose(ratio, 1.0, rtol=0.15)
 
 
-def test_tolerances_grow_with_the_depth() -> None:
-    """Of a metric scene 20 m away they are those of one whose unit is not known."""
-    far, unknown = (refine(ROOM_POSE, scale=10.0, unit=unit) for unit in (1.0, None))
-    assert far.metres_per_unit == 1.0
-    assert far.tolerance_unit == pytest.approx(unknown.metres_per_unit)
+def test_tolerances_follow_the_depth() -> None:
+    """They are made for surfaces between half a metre and two metres away."""
+    usual = refine(ROOM_POSE, scale=0.8)
+    assert usual.tolerance_unit == 1.0
+    far, farther = (refine(ROOM_POSE, scale=scale) for scale in (10.0, 20.0))
     assert far.tolerance_unit < 0.2
-    near = refine(ROOM_POSE, scale=0.1, unit=1.0)
-    assert near.tolerance_unit == 1.0
+    assert farther.tolerance_unit == pytest.approx(0.5 * far.tolerance_unit, rel=1e-3)
+    close = refine(ROOM_POSE, scale=0.05)
+    assert close.tolerance_unit > 2.0
 
 
 PAPER = {"rerender_translation": 0.005, "rerender_rotation_degrees": 0.5}
@@ -113,9 +108,8 @@ def test_it_renders_anew_when_the_image_has_moved() -> None:
     assert refine(se3.exp([0.002, 0, 0, 0, 0, 0]) @ ROOM_POSE).anchors == 1
     assert refine(shifted, max_anchors=1).anchors == 1
     assert refine(ROOM_POSE, min_anchors=3).anchors == 3
-    for scale in (0.1, 10.0):  # the image moves alike, whatever the unit
-        assert refine(shifted, scale=scale, unit=1.0 / scale).anchors == 2
-        assert refine(shifted, scale=scale, unit=None).anchors == 2
+    for scale in (0.1, 10.0):  # the image moves alike, however large the room is
+        assert refine(shifted, scale=scale).anchors == 2
 
 
 def test_the_papers_criterion() -> None:
@@ -127,15 +121,6 @@ def test_the_papers_criterion() -> None:
     assert refine(turned, **PAPER).anchors == 2
     assert refine(turned, **PAPER | {"rerender_rotation_degrees": 1.0}).anchors == 1
     assert refine(shifted, **PAPER | {"rerender_translation": 0.01}).anchors == 1
-
-
-def test_the_papers_criterion_is_in_metres() -> None:
-    """3 mm are less than 5 mm, in a map of decimetres and in one of decametres too."""
-    near = se3.exp([0.003, 0, 0, 0, 0, 0]) @ ROOM_POSE
-    far = se3.exp([0.008, 0, 0, 0, 0, 0]) @ ROOM_POSE
-    for scale, unit in ((1.0, 1.0), (10.0, 0.1), (0.1, 10.0)):
-        assert refine(near, scale=scale, unit=unit, **PAPER).anchors == 1
-        assert refine(far, scale=scale, unit=unit, **PAPER).anchors == 2
 
 
 @pytest.mark.parametrize("levels", [0, 1, 2, 3, 12])
@@ -164,9 +149,8 @@ class Nothing(RayCastRenderer):
         return replace(view, opacity=np.zeros_like(view.opacity), depth=np.zeros_like(view.depth))
 
 
-@pytest.mark.parametrize("unit", [1.0, None])
-def test_where_the_map_shows_nothing(unit: float | None) -> None:
-    result = refine(ROOM_POSE, renderer=Nothing(room()), unit=unit)
+def test_where_the_map_shows_nothing() -> None:
+    result = refine(ROOM_POSE, renderer=Nothing(room()))
     assert result.cam_from_world is None
     assert result.covariance is None
     assert result.reason == "too little of the map is visible around the pose that it starts from"

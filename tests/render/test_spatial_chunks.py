@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gscpe.geometry import Camera
 from gscpe.render.cpu_rasterizer import CpuRasterizer
 from gscpe.render.spatial_chunks import SpatialChunks, morton_order
-from gscpe.render.splatting import NEAR, SlopeLimits, sigmas_in_sight
+from gscpe.render.splatting import SlopeLimits, sigmas_in_sight
 from gscpe.scene import GaussianScene
 
 seeds = st.integers(0, 2**32 - 1)
@@ -37,7 +37,7 @@ def touches(scene: GaussianScene, camera: Camera, cam_from_world: np.ndarray) ->
         u = camera.fx * points[:, 0] / z + camera.cx
         v = camera.fy * points[:, 1] / z + camera.cy
     inside = (u + reach > 0) & (v + reach > 0) & (u - reach < camera.width)
-    return inside & (v - reach < camera.height) & (z > NEAR) & (scene.opacities >= 1 / 255)
+    return inside & (v - reach < camera.height) & (z > scene.near) & (scene.opacities >= 1 / 255)
 
 
 @given(seeds)

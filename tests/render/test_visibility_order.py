@@ -14,7 +14,7 @@ from numpy_compositor import composite
 
 from gscpe.geometry import Camera
 from gscpe.geometry.projection import project, transform_points
-from gscpe.render.splatting import NEAR, SlopeLimits
+from gscpe.render.splatting import SlopeLimits
 from gscpe.render.visibility_order import VisibilityOrder
 from gscpe.scene import GaussianScene
 
@@ -56,7 +56,7 @@ def test_the_order_is_back_to_front(seed: int) -> None:
     assert order.dtype == np.uint32
     assert len(set(order.tolist())) == len(order)
     z = transform_points(pose, scene.means.astype(np.float64))[order, 2]
-    assert np.all(z > NEAR - 1e-5)
+    assert np.all(z > scene.near - 1e-5)
     assert np.all(np.diff(z) <= 1e-5)
 
 

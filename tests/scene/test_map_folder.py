@@ -15,7 +15,7 @@ from helpers import assert_same_map, some_map
 
 from gscpe.errors import MapError, OutputError, PoseError
 from gscpe.geometry import Camera
-from gscpe.scene import GlobalDescriptors, Map, References, open_map, save_map
+from gscpe.scene import GlobalDescriptors, Map, MapFrame, References, open_map, save_map
 
 FILES = ("gaussians.npz", "map.json", "references.json", "retrieval.npz")
 
@@ -50,14 +50,14 @@ def test_cameras_made_of_numpy_numbers(tmp_path: Path, map_: Map) -> None:
 
 @pytest.mark.parametrize("metres_per_unit", [None, 1.0, 1 / 3])
 def test_the_unit_is_kept(metres_per_unit: float | None, map_: Map, tmp_path: Path) -> None:
-    save_map(replace(map_, metres_per_unit=metres_per_unit), tmp_path / "a.gsmap")
+    save_map(replace(map_, frame=MapFrame(metres_per_unit=metres_per_unit)), tmp_path / "a.gsmap")
     assert open_map(tmp_path / "a.gsmap").metres_per_unit == metres_per_unit
 
 
 @pytest.mark.parametrize("metres_per_unit", [0.0, -1.0, np.nan, np.inf])
 def test_impossible_units(metres_per_unit: float, map_: Map) -> None:
     with pytest.raises(MapError, match="metres per unit must be positive"):
-        replace(map_, metres_per_unit=metres_per_unit)
+        MapFrame(metres_per_unit=metres_per_unit)
 
 
 def test_a_moved_folder_opens(folder: Path, map_: Map, tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_nonsense_with_a_right_checksum(name: str, data: bytes, folder: Path) ->
     "change",
     [
         {"name": None, "camera": 5},
-        {"camera": "FISHEYE 640 480 1 1 1 1"},
+        {"camera": "FOV 640 480 1 1 1 1 1"},
         {"cam_from_world": [[1, 0], [0, 1]]},
         {"cam_from_world": np.diag([2.0, 1.0, 1.0, 1.0]).tolist()},
         {"cam_from_world": "identity"},
@@ -173,11 +173,13 @@ def test_impossible_references_are_noticed(change: dict[str, object], folder: Pa
         open_map(folder)
 
 
-@pytest.mark.parametrize("version", [4, 99])
-def test_a_newer_version_asks_for_an_update(version: int, folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("version", "remedy"), [(3, "build the map again"), (5, "update gscpe"), (99, "update gscpe")]
+)
+def test_other_versions_say_what_to_do(version: int, remedy: str, folder: Path) -> None:
     manifest = json.loads((folder / "map.json").read_text())
     (folder / "map.json").write_text(json.dumps(manifest | {"version": version}))
-    with pytest.raises(MapError, match=f"version {version}.*update gscpe"):
+    with pytest.raises(MapError, match=f"version {version}.*{remedy}"):
         open_map(folder)
 
 

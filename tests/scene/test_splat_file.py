@@ -6,12 +6,14 @@ import gzip
 import logging
 import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import random_scene, splat_columns, splat_header, splat_table, write_splat, write_table
 
+from gscpe import scene as scene_io
 from gscpe.errors import SplatError
 from gscpe.scene import GaussianScene, read_splat
 
@@ -229,6 +231,23 @@ def test_rows_of_zeros_are_left_out(
     table[8, -4:] = 0.0
     write_table(path, splat_columns(1), table)
     assert_left_out(path, [3, 4, 5], scene, caplog, "3 are all zeros")
+
+
+def test_rows_of_zeros_far_from_the_origin(
+    path: Path, scene: GaussianScene, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Zero in the file, where no Gaussian is, and not relative to the scene's origin."""
+    origin = np.array([5e5, 5.4e6, 0.0])
+    scene_io.write_splat(replace(scene, origin=origin), path)
+    table = np.frombuffer(path.read_bytes().split(b"end_header\n", 1)[1], np.uint8).reshape(20, -1)
+    spoilt = table.copy()
+    spoilt[4:6] = 0
+    path.write_bytes(path.read_bytes().replace(table.tobytes(), spoilt.tobytes()))
+    with caplog.at_level(logging.WARNING):
+        again = read_splat(path)
+    assert "2 of 20 Gaussians are left out: 2 are all zeros" in caplog.text
+    world = np.delete(scene.means, [4, 5], axis=0) + origin
+    np.testing.assert_allclose(again.means + again.origin, world, atol=1e-6)
 
 
 def test_absurd_values_are_left_out(

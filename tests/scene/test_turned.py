@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import random_pose, random_rotation, random_scene, simple_camera
@@ -10,6 +12,7 @@ from numpy_compositor import harmonics
 
 from gscpe.render import Renderer
 from gscpe.scene import GaussianScene
+from gscpe.scene.gaussians import joined
 from gscpe.scene.turned import Y_AND_Z_NEGATED, harmonics_turned, turned
 
 
@@ -59,3 +62,21 @@ def test_there_and_back(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(back.sh, scene.sh)
     same = np.abs(np.sum(back.quaternions * scene.quaternions, axis=1))
     np.testing.assert_allclose(same, 1.0, atol=1e-6)
+
+
+def test_a_far_origin_turns_too(rng: np.random.Generator) -> None:
+    scene = random_scene(rng, 30, 1)
+    far = replace(scene, origin=np.array([5e5, 5.4e6, 30.0]))
+    rotation = random_rotation(rng)
+    after = turned(far, rotation)
+    expected = (far.means + far.origin) @ rotation.T
+    np.testing.assert_allclose(after.means + after.origin, expected, atol=1e-5)
+
+
+def test_joined_scenes_keep_their_places(rng: np.random.Generator) -> None:
+    a, b = random_scene(rng, 5, 1), random_scene(rng, 7, 0)
+    a = replace(a, origin=np.array([5e5, 5.4e6, 30.0]))
+    b = replace(b, origin=np.array([5e5, 5.4e6 + 8, 30.0]))
+    both = joined([a, b])
+    expected = np.concatenate([a.means + a.origin, b.means + b.origin])
+    np.testing.assert_allclose(both.means + both.origin, expected, atol=1e-5)

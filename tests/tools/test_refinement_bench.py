@@ -126,10 +126,10 @@ def test_recorded_refinement_is_the_same_refinement(tool: Tool) -> None:
     start = se3.exp([0.03, -0.02, 0.02, 0.01, -0.02, 0.01]) @ ROOM_POSE
     settings = RefinementSettings()
     plain: Any = RayCastRenderer(room())
-    expected = refine_pose(plain, photo, start, settings, 1.0)
+    expected = refine_pose(plain, photo, start, settings)
     renderer = RayCastRenderer(room())
     recorder = tool("refinement_recorder")
-    result, track = recorder.record_ours(renderer, photo, start, settings, 1.0)
+    result, track = recorder.record_ours(renderer, photo, start, settings)
     np.testing.assert_array_equal(result.cam_from_world, expected.cam_from_world)
     np.testing.assert_array_equal(track.cam_from_world[0], start)
     np.testing.assert_array_equal(track.cam_from_world[-1], result.cam_from_world)
