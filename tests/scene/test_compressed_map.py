@@ -187,8 +187,8 @@ def test_what_was_written_is_read_back(
 
 @pytest.mark.parametrize("apart", ['"!"', '"AAAA"', "3", "null"])
 def test_damaged_gaussians_apart(apart: str, folder: Path) -> None:
-    rest = f'{{"factor": 1, "metres_per_unit": 1, "apart": {apart}}}'
-    rewrite(folder, "gaussians.json", rest.encode())
+    rest = json.loads((folder / "gaussians.json").read_text())
+    rewrite(folder, "gaussians.json", json.dumps({**rest, "apart": json.loads(apart)}).encode())
     with pytest.raises(MapError, match="damaged"):
         open_map(folder)
 
