@@ -228,7 +228,7 @@ def test_spoilt_files(case: str, place: Place, capsys: pytest.CaptureFixture[str
     [
         ("PINHOLE,640,480,525,525,320,240", "is 60x45, but its camera is 640x480"),
         ("PINHOLE,60,45,50,50,30", "PINHOLE takes 4 parameters"),
-        ("FISHEYE,60,45,50,50,30,22", "camera model 'FISHEYE' is not supported"),
+        ("FOV,60,45,50,50,30,22,1", "camera model 'FOV' is not supported"),
         ("525,60,45", "is not supported"),
         ("", "is not of the form"),
         ("PINHOLE,60,45,fifty,50,30,22", "is not of the form"),
