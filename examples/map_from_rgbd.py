@@ -7,7 +7,7 @@ depth camera's images in their place.
 import numpy as np
 
 import gscpe
-from gscpe.evaluation.motorcycle import load_motorcycle
+from gscpe.demo import load_motorcycle
 from gscpe.mapping import map_from_rgbd
 
 pair = load_motorcycle()

@@ -16,7 +16,7 @@ from collections import Counter
 import numpy as np
 
 import gscpe
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 
 

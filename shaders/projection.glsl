@@ -88,8 +88,7 @@ void project(int g, out vec4 ellipse, out vec4 extent, out vec4 colour) {
     if (opacity < MIN_ALPHA) return;
     float angle = root > 0.0 ? 0.5 * atan(2.0 * b, difference) : 0.0;
     ellipse = vec4(centre, sqrt(first + LOW_PASS) * vec2(cos(angle), sin(angle)));
-    // 1% beyond where alpha falls below 1/255: drivers snap corners to a subpixel grid, and
-    // stage 3 discards what is too faint anyway.
+    // 1% beyond where alpha falls below 1/255: what is too faint is left out at its pixel anyway.
     extent = vec4(sqrt(second + LOW_PASS), opacity, p.z, 1.01 * sqrt(2.0 * log(255.0 * opacity)));
     colour = vec4(view_colour(g, normalize(mean_opacity.xyz - camera_centre)), 1.0);
 }

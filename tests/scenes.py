@@ -22,7 +22,7 @@ from gscpe.geometry.projection import pixel_centres
 from gscpe.mapping import map_from_rgbd
 from gscpe.render import RenderedView
 from gscpe.scene import Map
-from gscpe.scene.pose_file import format_pose
+from gscpe.scene.poses.hloc import format_pose
 
 _TEXELS = 256
 

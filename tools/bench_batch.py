@@ -27,7 +27,7 @@ import numpy as np
 from gscpe.batch import Crew, Instructions, make_crew
 from gscpe.cores import available_cores
 from gscpe.geometry import pose_difference
-from gscpe.scene.pose_file import parse_pose
+from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query, read_query_list
 
 

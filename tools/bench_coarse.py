@@ -45,7 +45,7 @@ from gscpe.render import RenderedView, Renderer
 from gscpe.retrieval import RetrievedReference, open_describer, search
 from gscpe.scene import Map, References, read_splat, to_photo
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import Query, read_query_list
 
 MATCHERS: dict[str, Callable[[], Matcher]] = {

@@ -22,8 +22,8 @@ from scipy.stats import chi2
 
 from gscpe import Camera, LocalizationResult, Localizer, open_map
 from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.demo import load_motorcycle
 from gscpe.evaluation import normalized_error_squared
-from gscpe.evaluation.motorcycle import load_motorcycle
 from gscpe.geometry import pose_difference, se3
 from gscpe.mapping import map_from_rgbd
 from gscpe.scene import Map

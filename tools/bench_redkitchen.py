@@ -25,7 +25,7 @@ from gscpe.localization.localizer import Localizer
 from gscpe.mapping import build_map
 from gscpe.scene import Map, open_map, read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.pose_file import parse_pose, read_poses
+from gscpe.scene.poses.hloc import parse_pose, read_poses
 from gscpe.scene.query_list import read_query_list
 
 

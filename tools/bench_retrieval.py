@@ -50,7 +50,7 @@ from gscpe.retrieval import (
 )
 from gscpe.scene import read_image, read_splat, to_uint8
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 
 NEAR, NEAR_DEGREES, OVERLAP = 1.0, 30.0, 0.5

@@ -37,7 +37,7 @@ from gscpe.localization.clock import Clock
 from gscpe.localization.verification import VerificationSettings, compare_stages, inlier_spread
 from gscpe.refinement import RefinementResult, refine_pose
 from gscpe.scene import Map, to_photo
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 
 NO_THRESHOLDS = VerificationSettings(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from gscpe import Camera, GaussianScene
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import Float64Array
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.shader_source import shader_source, with_includes
 from gscpe.render.targets import ImageTargets
@@ -54,9 +54,6 @@ class PlainQuads(GlRasterizer):
             if name in self._splat_program:
                 self._splat_program[name].value = value
 
-    def _splat(
-        self, context: Any, targets: ImageTargets, count: int | None, camera: Camera
-    ) -> tuple[Float32Array, Float32Array]:
+    def _draw(self, context: Any, targets: ImageTargets, count: int | None, camera: Camera) -> None:
         targets.clear_and_use()
         self._draw_quads(context, count)
-        return targets.read()

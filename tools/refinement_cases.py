@@ -18,7 +18,7 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.geometry import pose_difference, se3
 from gscpe.refinement import RefinementSettings
 from gscpe.scene import Photo, to_photo
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import Query, read_query_list
 
 _T = TypeVar("_T")

@@ -6,9 +6,9 @@ import argparse
 from typing import Any
 
 from gscpe.cli.common import Commands, add_backend, add_matcher, print_json, show_progress
-from gscpe.evaluation.demo import DemoReport, run_demo
+from gscpe.demo import DemoReport, run_demo
 from gscpe.geometry.pose_error import PoseDifference
-from gscpe.scene.pose_file import format_pose
+from gscpe.scene.poses.hloc import format_pose
 
 
 def add_parser(commands: Commands) -> None:
@@ -51,8 +51,9 @@ def _as_json(report: DemoReport) -> dict[str, Any]:
         "true_cam_from_world": format_pose(report.true_cam_from_world),
         "coarse": stage(coarse.cam_from_world, report.coarse_error)
         | {"matches": coarse.matches, "inliers": coarse.inliers},
-        "final": stage(report.result.cam_from_world, report.final_error)
+        "aligned": stage(aligned.cam_from_world, report.aligned_error)
         | {"agreement": aligned.agreement, "residual": aligned.residual},
+        "final": stage(report.result.cam_from_world, report.final_error),
         "seconds": report.seconds,
         "pictures": {name: str(path) for name, path in report.pictures.items()},
     }
@@ -65,12 +66,12 @@ def _print_text(report: DemoReport) -> None:
     print(f"Renderer: {report.renderer}")
     print()
     print("pose     qw qx qy qz tx ty tz (world to camera)")
-    for name in ("coarse", "final"):
+    for name in ("coarse", "aligned", "final"):
         print(f"{name:<8} {_short(data[name]['cam_from_world'])}")
     print(f"{'true':<8} {_short(data['true_cam_from_world'])}")
     print()
     print("error      position   rotation")
-    for name in ("coarse", "final"):
+    for name in ("coarse", "aligned", "final"):
         stage = data[name]
         print(f"{name:<8} {stage['error_mm']:8.3f} mm {stage['error_degrees']:9.5f} deg")
     print()

@@ -27,7 +27,7 @@ from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer, LocalizerSettings, PosePrior
 from gscpe.scene import camera_from_exif, open_map, read_image, read_image_of
-from gscpe.scene.pose_file import parse_pose
+from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query, read_query_list
 
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, show_progress
 from gscpe.errors import CameraError, OutputError
-from gscpe.evaluation.pictures import depth_picture
 from gscpe.geometry.camera import Camera
 from gscpe.render import Renderer
+from gscpe.render.pictures import depth_picture
 from gscpe.scene import open_map, write_image
-from gscpe.scene.pose_file import parse_pose
+from gscpe.scene.poses.hloc import parse_pose
 
 
 def add_parser(commands: Commands) -> None:

@@ -13,7 +13,7 @@ from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import DatasetError, SettingsError
 from gscpe.scene import References
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import Query, read_query_list
 
 NAME = "COLMAP"

@@ -1,6 +1,12 @@
-"""Errors against known poses, tables, and data with known answers."""
+"""Errors against known poses, and tables of them."""
 
-from gscpe.evaluation.metrics import THRESHOLDS, Evaluation, evaluate, normalized_error_squared
+from gscpe.evaluation.metrics import (
+    THRESHOLDS,
+    Evaluation,
+    evaluate,
+    expected_error,
+    normalized_error_squared,
+)
 from gscpe.evaluation.scene_run import SceneRun, Stage
 
 __all__ = [
@@ -9,5 +15,6 @@ __all__ = [
     "SceneRun",
     "Stage",
     "evaluate",
+    "expected_error",
     "normalized_error_squared",
 ]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Sequence
 
-import numpy as np
-
 from gscpe.evaluation import published
-from gscpe.evaluation.table import NOTHING, Table
+from gscpe.evaluation.table import Table
+from gscpe.evaluation.text import number_text
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,8 @@ def ablation_table(
         tuple(
             (
                 f"{row.name} (published)" if theirs else row.name,
-                _number(row.centimetres, 2 if theirs else 3),
-                _number(row.degrees, 3),
+                number_text(row.centimetres, 2 if theirs else 3),
+                number_text(row.degrees, 3),
             )
             for row, theirs in named
         ),
@@ -54,7 +53,3 @@ def ablation_table(
             for row, theirs in named
         ),
     )
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else NOTHING

@@ -13,9 +13,10 @@ import numpy as np
 from gscpe.evaluation import published
 from gscpe.evaluation.metrics import THRESHOLDS, Evaluation
 from gscpe.evaluation.scene_run import SceneRun, Stage
-from gscpe.evaluation.table import NOTHING, Table
+from gscpe.evaluation.table import Table
+from gscpe.evaluation.text import NOTHING, share_text
 
-STAGES: tuple[Stage, ...] = ("coarse", "final")
+STAGES: tuple[Stage, ...] = ("coarse", "aligned", "final")
 FINAL = "final: the mean of the coarse and the aligned pose by covariance"
 MEDIANS = "medians are over the queries that have a pose; see the shares for all of them"
 _AVERAGE = "average: mean of the scenes' medians"
@@ -57,25 +58,28 @@ def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
     theirs = list(_published_rows(scenes)) if _is_the_papers(truth, runs) else []
     if theirs:
         notes.append(f"published: {published.METHOD}, {published.SOURCE}")
+    unit = "map units" if all(run.metres_per_unit is None for run in runs) else "cm"
+    keys = (*STAGES, *("published" for _ in theirs))
     rows += [row for row, _ in theirs]
     records += [record for _, record in theirs]
     return Table(
-        f"{dataset}, ground truth {truth}: median position (cm) / rotation (°)",
+        f"{dataset}, ground truth {truth}: median position ({unit}) / rotation (°)",
         ("", *scenes, *(["average"] if len(runs) > 1 else []), "not localized"),
         tuple(rows),
         tuple(notes),
         tuple(records),
+        keys=keys,
     )
 
 
 def shares_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
     """Shares of all queries within each of THRESHOLDS, scene by scene and on average."""
     limits = [f"{100 * metres:.0f} cm / {degrees:.0f}°" for metres, degrees in THRESHOLDS]
-    rows, records = [], []
+    rows: list[tuple[str, ...]] = []
+    records: list[dict[str, Any]] = []
 
     def add(scene: str, stage: str, shares: Sequence[float]) -> None:
-        cells = [NOTHING if np.isnan(share) else f"{100 * share:.1f}%" for share in shares]
-        rows.append((f"{scene}, {stage}", *cells))
+        rows.append((f"{scene}, {stage}", *map(share_text, shares)))
         within = [
             {"position_cm": 100 * metres, "rotation_degrees": degrees, "share": float(share)}
             for (metres, degrees), share in zip(THRESHOLDS, shares, strict=True)
@@ -104,6 +108,7 @@ def shares_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
             *_without_coarse(truth, runs),
         ),
         tuple(records),
+        keys=tuple(record["stage"] for record in records),
     )
 
 

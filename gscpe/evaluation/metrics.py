@@ -10,7 +10,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
 from gscpe.geometry import se3
-from gscpe.geometry.pose_error import pose_difference
+from gscpe.geometry.pose_error import PoseDifference, pose_difference
 
 THRESHOLDS = ((0.10, 5.0), (0.05, 5.0), (0.02, 2.0), (0.01, 1.0))
 """Position (metres) and rotation (degrees) within which a photo counts as localized."""
@@ -47,6 +47,24 @@ def normalized_error_squared(
     """
     xi = se3.log(true_cam_from_world @ se3.inverse(cam_from_world))
     return float(xi @ np.linalg.solve(covariance, xi))
+
+
+def expected_error(covariance: Float64Array, metres_per_unit: float = 1.0) -> PoseDifference:
+    """The root mean square error that a covariance promises, to stand beside a pose's error.
+
+    The root of the trace of either half: a pose's standard deviations in three directions
+    together. The distance is that of the camera centres, since ``exp(xi)`` moves the centre by
+    the translation of xi, turned into the world.
+
+    Args:
+        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), map
+            units and radians.
+        metres_per_unit: of the map; the distance is given in metres.
+    """
+    return PoseDifference(
+        metres_per_unit * float(np.sqrt(np.trace(covariance[:3, :3]))),
+        float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:])))),
+    )
 
 
 def evaluate(

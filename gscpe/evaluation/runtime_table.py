@@ -1,4 +1,4 @@
-"""How long a benchmark's queries took, by stage."""
+"""How long queries took, by stage."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 
 from gscpe.evaluation import published
 from gscpe.evaluation.scene_run import SceneRun
-from gscpe.evaluation.table import NOTHING, Table
+from gscpe.evaluation.table import Table
+from gscpe.evaluation.text import NOTHING, share_text
 
 _TIMED = ("features", "retrieval", "coarse", "refinement", "total")
 
@@ -44,6 +45,37 @@ def runtime_table(runs: Sequence[SceneRun]) -> Table:
         tuple(rows),
         ("over the queries that reached a stage", *_setups(runs)),
         tuple(records),
+    )
+
+
+def stage_times_table(details: Sequence[Mapping[str, Any]]) -> Table:
+    """One run's seconds in full: a row a stage, over the queries that reached it."""
+    stages: dict[str, list[float]] = {}
+    for detail in details:
+        for stage, seconds in detail["seconds"].items():
+            stages.setdefault(str(stage), []).append(float(seconds))
+    # Last, whichever query came first.
+    ordered = [stage for stage in stages if stage != "total"] + ["total"] * ("total" in stages)
+    whole = max((sum(seconds) for seconds in stages.values()), default=0.0) or 1.0
+    rows, records = [], []
+    for stage in ordered:
+        median, most, longest = np.quantile(stages[stage], [0.5, 0.9, 1.0]).tolist()
+        share = sum(stages[stage]) / whole
+        times = (f"{value:.3f}" for value in (median, most, longest))
+        rows.append((stage, f"{len(stages[stage])}", *times, share_text(share)))
+        records.append(
+            {
+                **{"stage": stage, "queries": len(stages[stage]), "median_s": median},
+                **{"quantile_90_s": most, "longest_s": longest, "share": share},
+            }
+        )
+    return Table(
+        "Seconds a query, by stage",
+        ("", "queries", "median", "90% within", "longest", "share of the time"),
+        tuple(rows),
+        ("over the queries that reached a stage",),
+        tuple(records),
+        keys=tuple("total" if stage == "total" else "" for stage in ordered),
     )
 
 

@@ -7,7 +7,8 @@ from typing import Any, Literal, Mapping
 
 from gscpe.arrays import Float64Array
 from gscpe.evaluation.metrics import Evaluation, evaluate
-from gscpe.scene.pose_file import parse_pose
+from gscpe.geometry.pose_error import PoseDifference, pose_difference
+from gscpe.scene.poses.hloc import parse_pose
 
 Stage = Literal["coarse", "aligned", "final"]
 
@@ -42,6 +43,26 @@ class SceneRun:
             if detail["status"] == "localized" and source is not None:
                 poses[str(detail["name"])] = parse_pose(source["cam_from_world"])
         return poses
+
+    @property
+    def truth(self) -> Mapping[str, Float64Array]:
+        """``cam_from_world``, (4, 4), by photo name, of the first ground truth; empty where there
+        is none."""
+        return next(iter(self.truths.values()), {})
+
+    def knows(self, truth: str) -> bool:
+        """Whether a ground truth knows the pose of any of the queries."""
+        return any(str(detail["name"]) in self.truths[truth] for detail in self.details)
+
+    def errors(self, stage: Stage) -> dict[str, PoseDifference]:
+        """By name, of the localized photos that the first ground truth knows; distances in
+        metres where the map's unit is known, else in map units."""
+        unit, errors = self.metres_per_unit or 1.0, {}
+        for name, pose in self.poses(stage).items():
+            if name in self.truth:
+                error = pose_difference(pose, self.truth[name])
+                errors[name] = PoseDifference(unit * error.distance, error.degrees)
+        return errors
 
     def evaluate(self, stage: Stage, truth: str | None = None) -> Evaluation:
         """The errors of a stage against one of the ground truths (None: the first).

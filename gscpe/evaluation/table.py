@@ -1,14 +1,14 @@
-"""A table, and how it is written as text, Markdown, LaTeX and JSON."""
+"""A table, and how it is written as text, Markdown, LaTeX and JSON; the report's template writes
+it as HTML."""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Mapping, Sequence
 
-NOTHING = "\N{EN DASH}"
-"""What a cell says where there is no number."""
+from gscpe.evaluation.text import NOTHING
 
 _MARKDOWN = str.maketrans({c: f"\\{c}" for c in "\\`*_[]<>|"} | {"\n": " "})
 _LATEX = str.maketrans(
@@ -38,6 +38,10 @@ class Table:
         notes: footnotes, plain text.
         records: what the JSON file holds: an object a row, with units in the keys. Numbers
             that are not finite become null.
+        words: headings of columns, beside the first, that hold words: they begin at the left.
+        keys: what each row is about, as drawings and style sheets name it, for example "coarse";
+            empty, or as many as rows.
+        tips: what a heading means, by heading, plain text.
     """
 
     title: str
@@ -45,14 +49,27 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
     records: tuple[Mapping[str, Any], ...] = ()
+    words: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
+    tips: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if self.keys and len(self.keys) != len(self.rows):
+            raise ValueError(f"{self.title}: {len(self.keys)} keys for {len(self.rows)} rows")
+        unknown = {*self.words, *self.tips} - {*self.header}
+        if unknown:
+            raise ValueError(f"{self.title}: no column is named {min(unknown)!r}")
         if any(len(row) != len(self.header) for row in self.rows):
             raise ValueError(f"{self.title}: a row has another number of cells than the header")
 
+    @property
+    def are_words(self) -> tuple[bool, ...]:
+        """A column each: whether it holds words, which begin at the left, or numbers."""
+        return tuple(not i or name in self.words for i, name in enumerate(self.header))
+
 
 def to_text(tables: Sequence[Table]) -> str:
-    """Aligned columns, the first one to the left."""
+    """Aligned columns, words to the left and numbers to the right."""
     return "\n\n".join(map(_text, tables)) + "\n"
 
 
@@ -83,8 +100,8 @@ def _text(table: Table) -> str:
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = [
         "  ".join(
-            cell.rjust(width) if i else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            cell.ljust(width) if words else cell.rjust(width)
+            for cell, width, words in zip(row, widths, table.are_words, strict=True)
         ).rstrip()
         for row in cells
     ]
@@ -96,7 +113,7 @@ def _markdown(table: Table) -> str:
     lines = [f"### {table.title.translate(_MARKDOWN)}", ""]
     for row in (table.header, None, *table.rows):
         if row is None:
-            lines.append("|---|" + "---:|" * (len(table.header) - 1))
+            lines.append("|" + "".join("---|" if words else "---:|" for words in table.are_words))
         else:
             lines.append("| " + " | ".join(cell.translate(_MARKDOWN) for cell in row) + " |")
     for note in table.notes:
@@ -108,13 +125,14 @@ def _latex(table: Table) -> str:
     def line(row: Sequence[str]) -> str:
         return "    " + " & ".join(cell.translate(_LATEX) for cell in row) + r" \\"
 
+    columns = "".join("l" if words else "r" for words in table.are_words)
     notes = [rf"  \\ {{\footnotesize {note.translate(_LATEX)}}}" for note in table.notes]
     return "\n".join(
         [
             r"\begin{table}",
             r"  \centering",
             rf"  \caption{{{table.title.translate(_LATEX)}}}",
-            rf"  \begin{{tabular}}{{l{'r' * (len(table.header) - 1)}}}",
+            rf"  \begin{{tabular}}{{{columns}}}",
             r"    \toprule",
             line(table.header),
             r"    \midrule",

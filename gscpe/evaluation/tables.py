@@ -40,13 +40,24 @@ def write_tables(runs: Sequence[SceneRun], folder: str | Path, more: Sequence[Ta
 
 
 def benchmark_tables(runs: Sequence[SceneRun]) -> tuple[Table, ...]:
-    """Accuracy and shares, a table a data set and ground truth, then runtime."""
+    """Those of :func:`accuracy_tables`, then runtime."""
+    return (*accuracy_tables(runs), *((runtime_table(runs),) if runs else ()))
+
+
+def accuracy_tables(runs: Sequence[SceneRun]) -> tuple[Table, ...]:
+    """Median errors and shares within limits, two tables a data set and ground truth: no shares
+    where no unit is known in metres, and a table without rows where no query is known."""
     tables = []
     for dataset, truth, group in _groups(runs):
-        tables.append(accuracy_table(dataset, truth, group))
-        tables.append(shares_table(dataset, truth, group))
-    if runs:
-        tables.append(runtime_table(runs))
+        known = [run for run in group if run.knows(truth)]
+        if known:
+            tables.append(accuracy_table(dataset, truth, known))
+            if any(run.metres_per_unit is not None for run in known):
+                tables.append(shares_table(dataset, truth, known))
+        if len(known) < len(group):
+            scenes = ", ".join(run.scene for run in group if run not in known)
+            note = f"{truth} knows none of these photos of {scenes}: there are no errors"
+            tables.append(Table(f"{dataset}, ground truth {truth}: {scenes}", ("",), (), (note,)))
     return tuple(tables)
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+import threading
 from dataclasses import replace
 from itertools import islice
-from typing import Iterator, Sequence
+from typing import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -43,10 +44,14 @@ from gscpe.scene.photo import resized_photo
 
 _log = logging.getLogger(__name__)
 
+_MORE = 8
+"""Times as many references are retrieved when those before showed too few different places."""
+
 
 class Localizer(Closing):
     """Localizes photos in one map. Holds the map on the graphics driver or in memory: keep it,
-    use it from one thread at a time, and close it (or use it as a context manager).
+    and close it (or use it as a context manager). Threads may share it: one call at a time is
+    worked on, the others wait; for more at a time, take processes (gscpe.batch).
 
     Args:
         map_: to localize in.
@@ -78,6 +83,7 @@ class Localizer(Closing):
         self._describer = open_describer(map_.descriptors, self.settings.retrieval_model)
         self._index = ReferenceIndex(map_.descriptors.descriptors, self.settings.index)
         self._renderer = Renderer(map_.scene, backend, progress)
+        self._lock = threading.RLock()
 
     def localize(
         self,
@@ -109,6 +115,17 @@ class Localizer(Closing):
             RenderError: rendering failed.
             ModelError: a trained network failed.
         """
+        with self._lock:
+            return self._localize(image, camera, prior, references, observer or Observer())
+
+    def _localize(
+        self,
+        image: UInt8Array,
+        camera: Camera,
+        prior: PosePrior | LocalizationResult | None,
+        references: Sequence[str] | None,
+        observer: Observer,
+    ) -> LocalizationResult:
         if not isinstance(camera, Camera):
             raise CameraError("localize needs a Camera; Localizer.estimate_camera finds one")
         frame = self.map.frame
@@ -126,7 +143,6 @@ class Localizer(Closing):
         clock = Clock()
         photo = self.at_the_maps_resolution(to_photo(image, camera))
         query = PreparedPhoto(photo, self._matcher, clock)
-        observer = observer or Observer()
         attempts: list[Attempt] = []
         for start in self._starts(query, prior, references):
             attempt = self._attempt(query, start, prior, observer)
@@ -167,12 +183,12 @@ class Localizer(Closing):
         if not len(references):
             return
         poses, same_place = references.cam_from_world, settings.same_place
-        retrieved: Sequence[RetrievedReference]
-        retrieved = self._retrieve(query) if names is None else self._named(names)
+        ranking: Iterable[RetrievedReference]
+        ranking = self._retrieve(query) if names is None else self._named(names)
         if prior is not None:
             reach = settings.prior_sigmas * prior.translation_sigma + same_place
-            retrieved = near_the_prior_first(retrieved, poses, prior, reach)
-        places = different_places(retrieved, poses, same_place, settings.same_place_degrees)
+            ranking = near_the_prior_first(ranking, poses, prior, reach)
+        places = different_places(ranking, poses, same_place, settings.same_place_degrees)
         for reference in islice(places, settings.hypotheses):
             name = references.names[reference.index]
             yield Start("reference", poses[reference.index], name)
@@ -239,6 +255,10 @@ class Localizer(Closing):
             CameraError: the photo does not tell; the message says why.
             PhotoError, MapError, RenderError, ModelError: as :meth:`localize`.
         """
+        with self._lock:
+            return self._estimate_camera(image, guess)
+
+    def _estimate_camera(self, image: UInt8Array, guess: Camera | None) -> Camera:
         if not len(self.map.references):
             raise MapError("a map without reference photos cannot tell a camera's focal length")
         photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
@@ -272,7 +292,8 @@ class Localizer(Closing):
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
         are with respect to the world."""
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
-        view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
+        with self._lock:
+            view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
         return view_in_world(view, self.map.frame)
 
     @property
@@ -302,18 +323,30 @@ class Localizer(Closing):
             raise MapError(f"the map has no reference photo {missing[0]!r}")
         return tuple(RetrievedReference(known[name], np.nan) for name in names)
 
-    def _retrieve(self, query: PreparedPhoto) -> tuple[RetrievedReference, ...]:
-        """The most similar reference photos; features that matching needs are not detected
-        again to describe the photo."""
+    def _retrieve(self, query: PreparedPhoto) -> Iterator[RetrievedReference]:
+        """All reference photos, most similar first, as far as they are asked for; features that
+        matching needs are not detected again to describe the photo."""
         photo, features = query.photo, None
         if isinstance(self._matcher, XFeatMatcher):
             features = query.for_matching.features
         with query.clock.stage("retrieval"):
             described = self._describer.describe(photo.rgb, features, photo.valid)
-            if not np.any(described):
-                return ()
-            return self._index.search(described, self.settings.retrieved)
+        if np.any(described):
+            with query.clock.stage("retrieval"):
+                found = self._index.search(described, self.settings.retrieved)
+            yield from found
+            given = {reference.index for reference in found}
+            while len(given) < len(self.map.references):
+                with query.clock.stage("retrieval"):
+                    found = self._index.search(described, _MORE * len(given))
+                more = [reference for reference in found if reference.index not in given]
+                if not more:
+                    return  # an index with few probes does not reach all
+                yield from more
+                given |= {reference.index for reference in more}
 
     def close(self) -> None:
-        """Releases the renderer's memory; the localizer cannot be used after."""
-        self._renderer.close()
+        """Releases the renderer's memory, once a call that is being worked on is finished; the
+        localizer cannot be used after."""
+        with self._lock:
+            self._renderer.close()

@@ -20,7 +20,8 @@ class LocalizerSettings:
 
     Attributes:
         hypotheses: places that are tried, best first, until one is not doubted.
-        retrieved: references that are retrieved to find so many different places.
+        retrieved: references that are retrieved at first to find so many different places; where
+            they show fewer, the ranking goes on.
         same_place: metres between cameras that show one place, where they look the same way, ...
         same_place_degrees: ... within this angle.
         prior_sigmas: deviations of an unsure prior within which references are tried first.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Iterator, Literal, Sequence
+from typing import Iterable, Iterator, Literal
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class PosePrior:
 
 
 def different_places(
-    retrieved: Sequence[RetrievedReference],
+    ranking: Iterable[RetrievedReference],
     cam_from_world: Float64Array,
     same_place: float,
     same_place_degrees: float,
@@ -66,26 +66,29 @@ def different_places(
     what failed from there would fail from beside it.
 
     Args:
-        retrieved: references, best first.
+        ranking: references, best first; no more are taken than are needed.
         cam_from_world: (N, 4, 4) of all references.
         same_place: distance of camera centres, map units, below which two references that
             look the same way show the same place.
         same_place_degrees: angle between two cameras up to which they look the same way.
     """
-    given: list[Float64Array] = []
-    for reference in retrieved:
-        pose = cam_from_world[reference.index]
-        differences = (pose_difference(pose, other) for other in given)
-        if any(
-            each.distance < same_place and each.degrees < same_place_degrees for each in differences
-        ):
+    rotations = cam_from_world[:, :3, :3]
+    centres = -np.einsum("nji,nj->ni", rotations, cam_from_world[:, :3, 3])
+    # |R - S|_F = 2 sqrt(2) sin(angle / 2)
+    same_way = 2.0 * np.sqrt(2.0) * np.sin(0.5 * np.radians(min(same_place_degrees, 180.0)))
+    shown = np.zeros(len(cam_from_world), dtype=bool)
+    for reference in ranking:
+        if shown[reference.index]:
             continue
-        given.append(pose)
         yield reference
+        near = np.linalg.norm(centres - centres[reference.index], axis=1) < same_place
+        turned = np.linalg.norm(rotations - rotations[reference.index], axis=(1, 2))
+        shown |= near & (turned < same_way)
+        shown[reference.index] = True
 
 
 def near_the_prior_first(
-    retrieved: Sequence[RetrievedReference],
+    ranking: Iterable[RetrievedReference],
     cam_from_world: Float64Array,
     prior: PosePrior,
     reach: float,
@@ -97,4 +100,4 @@ def near_the_prior_first(
         apart = pose_difference(cam_from_world[reference.index], prior.cam_from_world)
         return apart.distance > reach
 
-    return sorted(retrieved, key=is_far)
+    return sorted(ranking, key=is_far)

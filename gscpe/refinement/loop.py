@@ -44,6 +44,8 @@ class RefinementSettings:
         smallest_side: pixels of the shorter side below which an image is not halved.
         lenient_level: halvings from which half of the pixels that a pixel is made of must be
             valid, not all: else little were left of a cluttered scene.
+        agreement_level: halvings at which photo and render are compared in the end, always the
+            same: small images look alike more easily.
         turned_degrees: where images are halved ``turned_level`` times or more, the smallest is
             aligned from cameras turned by so many degrees, too; 0: not.
         turned_level: see above.
@@ -66,6 +68,7 @@ class RefinementSettings:
     levels: int = 2
     smallest_side: int = 16
     lenient_level: int = 3
+    agreement_level: int = 1
     turned_degrees: float = 5.0
     turned_level: int = 4
     clipping: ClippingSettings = field(default_factory=ClippingSettings)
@@ -81,12 +84,12 @@ class RefinementSettings:
 
     def __post_init__(self) -> None:
         if (
-            self.levels < 0
+            min(self.levels, self.agreement_level) < 0
             or self.smallest_side < 1
             or not 1 <= self.min_anchors <= self.max_anchors
         ):
             raise SettingsError(
-                "refinement needs levels >= 0, smallest_side >= 1 "
+                "refinement needs levels and agreement_level >= 0, smallest_side >= 1 "
                 "and 1 <= min_anchors <= max_anchors"
             )
 
@@ -145,11 +148,12 @@ def refine_pose(
     smallest_side = min(photo.camera.width, photo.camera.height)
     halvings = (smallest_side // settings.smallest_side).bit_length() - 1
     most_levels = min(settings.levels, max(0, halvings))
+    compared = min(settings.agreement_level, max(0, halvings))
     photo_levels = photo_pyramid(
         luminance(photo.rgb),
         _all_valid(photo) if photo.valid is None else photo.valid,
         photo.camera,
-        most_levels,
+        max(most_levels, compared),
     )
     cam_from_world = start_cam_from_world
     last_light = 1.0, 0.0
@@ -172,9 +176,9 @@ def refine_pose(
         else:
             image, gain, bias = luminance(expose(view.rgb, *light)), 1.0, 0.0
         pyramid = anchor_pyramid(
-            image, view.depth, mask, view.camera, levels, settings.lenient_level
+            image, view.depth, mask, view.camera, max(levels, compared), settings.lenient_level
         )
-        found = _align_levels(pyramid, photo_levels, gain, bias, settings, observer)
+        found = _align_levels(pyramid[: levels + 1], photo_levels, gain, bias, settings, observer)
         if isinstance(found, str):
             return _failed(found, anchors)
         alignment, template = found
@@ -190,9 +194,8 @@ def refine_pose(
         if anchors >= settings.min_anchors and not _is_far(alignment, moved, settings):
             break
     assert alignment is not None
-    level = len(pyramid) - 1
     agreement, overlap = photometric_agreement(
-        pyramid[level], photo_levels[level], alignment.photo_from_anchor
+        pyramid[compared], photo_levels[compared], alignment.photo_from_anchor
     )
     return RefinementResult(
         cam_from_world=cam_from_world,

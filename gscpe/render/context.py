@@ -18,6 +18,7 @@ from gscpe.render.diagnosis import VARIABLES, ContextFailure, OpenGLFacts, summa
 from gscpe.render.osmesa import OSMesaContext
 
 REQUIRED_GL = 330
+COMPUTE_GL = 430
 
 # The names with a version are there without the development packages.
 _EGL: dict[str, Any] = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
@@ -99,7 +100,7 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...
         if no_more_egl and way.startswith("EGL"):
             continue
         try:
-            context = moderngl.create_context(standalone=True, **options())
+            context = _newest(options)
         except Exception as error:  # moderngl and glcontext raise plain Exception
             text = str(error)
             # An error about the list of devices, or the library, holds for all of them.
@@ -110,6 +111,15 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...
         context.extra = way
         return context, tuple(failures)
     return None, tuple(failures)
+
+
+def _newest(options: Callable[[], dict[str, Any]]) -> moderngl.Context:
+    """A context with compute shaders, else one of 3.3. They must be asked for: Mesa gives the
+    newest version that it has, NVIDIA's driver the very one that was asked for."""
+    try:
+        return moderngl.create_context(standalone=True, require=COMPUTE_GL, **options())
+    except Exception:  # whatever it is, asking for less will tell
+        return moderngl.create_context(standalone=True, require=REQUIRED_GL, **options())
 
 
 def _ways() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:

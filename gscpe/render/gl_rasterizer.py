@@ -1,6 +1,5 @@
-"""Renders a Gaussian splat with instanced, depth-sorted quads (OpenGL 3.3, any driver).
-
-The Gaussians are culled and sorted by NumPy or, on GPUs with OpenGL 4.3, by the GPU.
+"""Renders a Gaussian splat with OpenGL: with compute shaders on GPUs that have them (4.3), else
+with instanced, depth-sorted quads (3.3, any driver).
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from gscpe.render.context import (
     describe,
 )
 from gscpe.render.gpu_sort import GL_NEEDED, GpuOrder, pays_on
+from gscpe.render.gpu_tiles import GpuTiles
 from gscpe.render.shader_source import shader_source
 from gscpe.render.splatting import SlopeLimits
 from gscpe.render.targets import ImageTargets, ProjectionTargets, data_texture
@@ -40,16 +40,21 @@ class GlRasterizer:
         scene: the splat.
         gpu_sort: whether the GPU culls and sorts; None: where the driver is a GPU's and has
             compute shaders (:func:`gscpe.render.gpu_sort.pays_on`).
+        tiles: whether compute shaders composite, too (not without ``gpu_sort``); None: as
+            ``gpu_sort``.
 
     Raises:
         RenderError: OpenGL is missing, too old, or failed.
     """
 
-    def __init__(self, scene: GaussianScene, gpu_sort: bool | None = None) -> None:
+    def __init__(
+        self, scene: GaussianScene, gpu_sort: bool | None = None, tiles: bool | None = None
+    ) -> None:
         self._context: moderngl.Context | None = create_context()
         self._process = os.getpid()
         self._cpu_order: VisibilityOrder | None = None
         self._gpu_order: GpuOrder | None = None
+        self._tiles: GpuTiles | None = None
         self._antialiased = scene.antialiased
         self._owned: list[Any] = []
         self._image_targets: dict[tuple[int, int], ImageTargets] = {}
@@ -61,6 +66,8 @@ class GlRasterizer:
                     gpu_sort = pays_on(self.driver)
                 if gpu_sort:
                     self._gpu_order = self._make_gpu_order(self._context, scene)
+                    if tiles is not False:
+                        self._tiles = self._make_tiles(self._context, scene, self._gpu_order)
                 else:
                     self._cpu_order = VisibilityOrder(scene)
                 self.description = f"OpenGL, {self.driver.renderer}"
@@ -108,6 +115,13 @@ class GlRasterizer:
         self._owned.append(order)
         return order
 
+    def _make_tiles(
+        self, context: moderngl.Context, scene: GaussianScene, order: GpuOrder
+    ) -> GpuTiles:
+        tiles = GpuTiles(context, len(scene), scene.sh.shape[1], self._projection, order.draw)
+        self._owned.append(tiles)
+        return tiles
+
     def _own(self, resource: Any) -> Any:
         self._owned.append(resource)
         return resource
@@ -118,16 +132,51 @@ class GlRasterizer:
         check_process(self._process)
         with self._context as context:
             try:
-                targets = self._targets_for(context, camera.width, camera.height)
+                self._check_size(context, camera)
                 count = self._sort(camera, cam_from_world)
-                self._project(count, camera, cam_from_world)
-                colour, moments = self._splat(context, targets, count, camera)
+                view = self._by_tiles(self._tiles, camera, cam_from_world) if self._tiles else None
+                if view is None:
+                    view = self._by_blending(context, count, camera, cam_from_world)
             except moderngl.Error as error:
                 raise RenderError(
                     f"OpenGL failed to render: {error} ({self.driver.renderer})"
                 ) from error
             check_errors(context, f"rendering {camera.width}x{camera.height} pixels")
-        return _to_view(colour, moments, camera, cam_from_world)
+        return view
+
+    def _check_size(self, context: moderngl.Context, camera: Camera) -> None:
+        limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
+        if max(camera.width, camera.height) > limit:
+            raise RenderError(
+                f"{camera.width}x{camera.height} is more than the driver's {limit} pixels"
+            )
+
+    def _by_tiles(
+        self, tiles: GpuTiles, camera: Camera, cam_from_world: Float64Array
+    ) -> RenderedView | None:
+        """The view; None where so many large Gaussians overlap that tiles would take too much
+        memory. Blending, slower, needs none for that."""
+        values = self._projection_values(camera, cam_from_world)
+        while True:
+            self._gaussians.use(1)
+            self._harmonics.use(2)
+            tiles.project(camera, values)
+            tiles.composite(camera)
+            view = tiles.read(camera, cam_from_world)
+            if view is not None or not tiles.grow():
+                return view
+
+    def _by_blending(
+        self,
+        context: moderngl.Context,
+        count: int | None,
+        camera: Camera,
+        cam_from_world: Float64Array,
+    ) -> RenderedView:
+        targets = self._targets_for(context, camera.width, camera.height)
+        self._project(count, camera, cam_from_world)
+        self._draw(context, targets, count, camera)
+        return self._read(targets, camera, cam_from_world)
 
     def _sort(self, camera: Camera, cam_from_world: Float64Array) -> int | None:
         """Puts the draw order in place; returns its length where it is known here."""
@@ -143,9 +192,6 @@ class GlRasterizer:
         """Targets of this size, kept for the last few sizes (a pyramid alternates them)."""
         targets = self._image_targets.pop((width, height), None)
         if targets is None:
-            limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
-            if max(width, height) > limit:
-                raise RenderError(f"{width}x{height} is more than the driver's {limit} pixels")
             targets = ImageTargets(context, width, height)
             if len(self._image_targets) == _SIZES_KEPT:
                 # The oldest, never the bound one: moderngl binds that again when it
@@ -181,9 +227,9 @@ class GlRasterizer:
             "cam_from_world": [tuple(row) for row in cam_from_world[:3]],
         }
 
-    def _splat(
+    def _draw(
         self, context: moderngl.Context, targets: ImageTargets, count: int | None, camera: Camera
-    ) -> tuple[Float32Array, Float32Array]:
+    ) -> None:
         program = self._splat_program
         for unit, name in enumerate(("ellipses", "extents", "colours")):
             self._projection.textures[unit].use(unit)
@@ -191,7 +237,12 @@ class GlRasterizer:
         program["image_size"].value = (camera.width, camera.height)
         targets.clear_and_use()
         self._draw_quads(context, count)
-        return targets.read()
+
+    def _read(
+        self, targets: ImageTargets, camera: Camera, cam_from_world: Float64Array
+    ) -> RenderedView:
+        colour, moments = targets.read()
+        return _to_view(colour, moments, camera, cam_from_world)
 
     def _draw_quads(self, context: moderngl.Context, count: int | None) -> None:
         context.enable_only(moderngl.BLEND)

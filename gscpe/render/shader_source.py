@@ -29,9 +29,15 @@ def with_includes(source: str, defines: Mapping[str, int] | None = None) -> str:
         RenderError: an included file is not part of the installation.
     """
     version, rest = source.split("\n", 1)
-    rest = re.sub(r'^#include "([^"]+)"$', lambda match: _read(match[1]), rest, flags=re.M)
     lines = [f"#define {key} {value}" for key, value in (defines or {}).items()]
-    return "\n".join([version, *lines, rest])
+    return "\n".join([version, *lines, _included(rest)])
+
+
+def _included(source: str) -> str:
+    """Included files may include others."""
+    return re.sub(
+        r'^#include "([^"]+)"$', lambda match: _included(_read(match[1])), source, flags=re.M
+    )
 
 
 def _read(name: str) -> str:

@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Mapping, Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from gscpe.arrays import Float64Array
-from gscpe.report.axis import LogAxis, log_axis
-from gscpe.report.markup import Markup, element
+from gscpe.report.svg import LogAxis, element, log_axis
 
 _WIDTH, _HEIGHT = 480.0, 300.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 466.0, 12.0, 250.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 444.0, 12.0, 250.0  # room for half a label on the right
 _MOST_POINTS = 400
 _SMALLEST = 1e-9  # an error of zero has no place on a logarithmic axis
 
 
+@dataclass(frozen=True)
+class Curves:
+    """A drawing of curves.
+
+    Attributes:
+        drawing: an ``svg`` element; empty where there is nothing to draw.
+        legend: a text a curve, by stage.
+        title: what the errors are of.
+    """
+
+    drawing: Markup
+    legend: Mapping[str, str]
+    title: str
+
+
 def cumulative_curves(
     title: str, unit: str, errors: Mapping[str, Sequence[float]], queries: int
-) -> Markup:
+) -> Curves:
     """Share of all queries with an error of at most x, a curve a stage.
 
     Args:
@@ -31,10 +47,11 @@ def cumulative_curves(
         stage: np.sort(np.maximum(values, _SMALLEST)) for stage, values in errors.items() if values
     }
     if not drawn:
-        return element("p", f"There is no {title} to draw.", class_="note")
+        return Curves(Markup(""), {}, title)
     axis = log_axis(np.concatenate(list(drawn.values())), _LEFT, _RIGHT)
+    after = unit if unit == "°" else f" {unit}"
     medians = {
-        stage: f"{stage}: median {float(np.median(values)):.3g} {unit}"
+        stage: f"{stage}: median {float(np.median(values)):.3g}{after}"
         for stage, values in drawn.items()
     }
     curves = [_curve(stage, values, queries, axis) for stage, values in drawn.items()]
@@ -47,11 +64,7 @@ def cumulative_curves(
         role="img",
         aria_label=f"Cumulative {title}. {'; '.join(medians.values())}.",
     )
-    legend = (
-        element("li", element("span", class_=f"key line {stage}"), text)
-        for stage, text in medians.items()
-    )
-    return element("div", element("ul", *legend, class_="legend"), drawing)
+    return Curves(drawing, medians, title)
 
 
 def _curve(stage: str, errors: Float64Array, queries: int, axis: LogAxis) -> Markup:

@@ -12,15 +12,15 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array, UInt8Array
 from gscpe.coarse.lift import lift
 from gscpe.errors import InputError
-from gscpe.evaluation.pictures import depth_picture, difference_picture
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer
 from gscpe.matching import Matcher, Matches
 from gscpe.refinement.visibility import surface_mask, visibility_mask
 from gscpe.render import RenderedView
-from gscpe.report.query_errors import shown_pose
+from gscpe.render.pictures import depth_picture, difference_picture
 from gscpe.report.settings import ReportSettings
 from gscpe.scene import luminance, read_image_of, to_photo, to_uint8
+from gscpe.scene.poses.hloc import parse_pose
 
 GREEN, RED = (40, 200, 90), (235, 60, 50)
 _NO_SURFACE, _CONTRADICTED = (200, 40, 120), (250, 170, 0)
@@ -103,6 +103,15 @@ def draw_query(
         pictures["photo"], pictures["render"], matches, agree, scale, settings.matches
     )
     return QueryPictures(pictures, trusted_pixels, len(matches), int(np.count_nonzero(agree)))
+
+
+def shown_pose(detail: Mapping[str, Any]) -> Float64Array | None:
+    """Where a query is shown from: its final pose; where it was not localized, the last pose
+    that was found and not trusted, coarse before aligned; None where there is none."""
+    for source in (detail, detail["coarse"], detail["aligned"]):
+        if source is not None and source["cam_from_world"] is not None:
+            return parse_pose(source["cam_from_world"])
+    return None
 
 
 def _shrunk(pictures: Mapping[str, UInt8Array], width: int) -> dict[str, UInt8Array]:

@@ -7,9 +7,9 @@ from typing import Any, Mapping, Sequence
 
 import numpy as np
 
+from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.report.settings import ReportSettings
-from gscpe.report.text import degrees_text, length_text
 
 
 @dataclass(frozen=True)

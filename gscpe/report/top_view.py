@@ -6,18 +6,16 @@ from dataclasses import dataclass
 from typing import Iterable, Mapping, Sequence, TypeVar
 
 import numpy as np
+from markupsafe import Markup
 
 from gscpe.arrays import Float64Array
 from gscpe.evaluation import SceneRun
+from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import PoseDifference, camera_centre
-from gscpe.report.axis import round_down
-from gscpe.report.density import density_picture
 from gscpe.report.encode import data_uri
-from gscpe.report.ground_plane import choose_ground_plane
-from gscpe.report.markup import Markup, element, join
-from gscpe.report.query_errors import Errors, true_poses
+from gscpe.report.ground import choose_ground_plane, density_picture
 from gscpe.report.settings import ReportSettings
-from gscpe.report.text import degrees_text, length_text
+from gscpe.report.svg import element, round_down
 from gscpe.scene import Map
 
 _T = TypeVar("_T")
@@ -57,25 +55,39 @@ class _Frame:
         return np.asarray((flat - (self.low[0], self.high[1])) * (self.scale, -self.scale))
 
 
+@dataclass(frozen=True)
+class TopView:
+    """A drawing from above.
+
+    Attributes:
+        drawing: an ``svg`` element; empty where there are no cameras.
+        legend: a text a kind of camera.
+        caption: how the drawing is to be read.
+    """
+
+    drawing: Markup
+    legend: Mapping[str, str]
+    caption: str
+
+
 def top_view(
-    run: SceneRun, errors: Errors, map_: Map, settings: ReportSettings, links: Mapping[str, str]
-) -> Markup:
-    """The picture, and a caption that says how it is to be read.
+    run: SceneRun, map_: Map, settings: ReportSettings, links: Mapping[str, str]
+) -> TopView:
+    """References, true poses, and what was estimated.
 
     Args:
         run: with estimated and true poses.
-        errors: of it.
         map_: references and Gaussians.
         settings: how many cameras are drawn at most.
         links: addresses of photos within the page, by name.
     """
     references = _thinned(list(map_.references.cam_from_world), settings.marks)
-    truth, final, coarse = true_poses(run), run.poses("final"), run.poses("coarse")
+    truth, final, coarse = run.truth, run.poses("final"), run.poses("coarse")
     names = [str(detail["name"]) for detail in run.details]
     drawn = _thinned([n for n in names if n in truth or n in final], settings.marks)
     poses = references + [(truth if n in truth else final)[n] for n in drawn]
     if not poses:
-        return element("p", "There are no cameras to draw.", class_="note")
+        return TopView(Markup(""), {}, "There are no cameras to draw.")
     centres = np.array([camera_centre(pose) for pose in poses])
     all_references = map_.references.cam_from_world
     plane = choose_ground_plane(all_references.reshape(-1, 4, 4), centres)
@@ -103,10 +115,12 @@ def top_view(
         layers.append(_cameras(at(references), looking(references), "reference"))
     known = [n for n in drawn if n in truth]
     metric = run.metres_per_unit is not None
+    errors = {"coarse": run.errors("coarse"), "final": run.errors("final")}
     factor = _exaggeration(errors["final"].values(), frame, run.metres_per_unit or 1.0)
     if known:
         true = [truth[n] for n in known]
         layers.append(_cameras(at(true), looking(true), "truth"))
+    # The aligned poses would lie under the final ones, which are mostly theirs.
     for stage, estimated in (("coarse", coarse), ("final", final)):
         compared = [n for n in known if n in estimated]
         if compared:
@@ -119,21 +133,20 @@ def top_view(
         alone = [final[n] for n in unknown]
         layers.append(_cameras(at(alone), looking(alone), "final"))
     layers.append(_scale_bar(frame, run.metres_per_unit))
-    counts = f"{len(references)} reference photos and {len(drawn)} queries"
-    return element(
-        "figure",
-        element(
-            "svg",
-            *layers,
-            class_="plot above",
-            viewBox=f"0 0 {_WIDTH:g} {frame.height:.1f}",
-            role="img",
-            aria_label=f"The map from above with {counts}.",
-        ),
-        _legend(bool(known), bool(unknown), bool(references)),
-        element("figcaption", join(*_caption(plane.why, counts, factor, bool(known)))),
-        class_="wide",
+    counts = (
+        f"{len(references)} reference photo{'s' * (len(references) != 1)} and "
+        f"{len(drawn)} {'query' if len(drawn) == 1 else 'queries'}"
     )
+    drawing = element(
+        "svg",
+        *layers,
+        class_="plot above",
+        viewBox=f"0 0 {_WIDTH:g} {frame.height:.1f}",
+        role="img",
+        aria_label=f"The map from above with {counts}.",
+    )
+    legend = _legend(bool(known), bool(unknown), bool(references))
+    return TopView(drawing, legend, "".join(_caption(plane.why, counts, factor, bool(known))))
 
 
 def _caption(why: str, counts: str, factor: float, known: bool) -> list[str]:
@@ -230,17 +243,13 @@ def _scale_bar(frame: _Frame, metres_per_unit: float | None) -> Markup:
     )
 
 
-def _legend(known: bool, unknown: bool, references: bool) -> Markup:
-    kinds = [("reference", "reference photo")] if references else []
+def _legend(known: bool, unknown: bool, references: bool) -> dict[str, str]:
+    legend = {"reference": "reference photo"} if references else {}
     if known:
-        kinds += [("truth", "true pose"), ("coarse", "coarse estimate")]
+        legend |= {"truth": "true pose", "coarse": "coarse pose"}
     if known or unknown:
-        kinds.append(("final", "final estimate"))
-    return element(
-        "ul",
-        *(element("li", element("span", class_=f"key {kind}"), text) for kind, text in kinds),
-        class_="legend",
-    )
+        legend["final"] = "final pose"
+    return legend
 
 
 def _thinned(items: Sequence[_T], most: int) -> list[_T]:

@@ -20,7 +20,7 @@ from gscpe.geometry import Camera, se3
 from gscpe.localization import Attempt, Start
 from gscpe.refinement import RefinementResult
 from gscpe.scene import to_photo, write_image
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import Query
 
 CAMERA = Camera.pinhole(16, 12, fx=14, fy=14, cx=8, cy=6)

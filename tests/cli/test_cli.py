@@ -14,7 +14,7 @@ from gscpe import __version__
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
 from gscpe.scene import open_map, read_image, write_image
-from gscpe.scene.pose_file import format_pose, parse_pose
+from gscpe.scene.poses.hloc import format_pose, parse_pose
 
 CAMERA = room_camera(240, 180)
 ASIDE = se3.exp([0.05, -0.03, 0.04, 0.02, -0.02, 0.03]) @ ROOM_POSE

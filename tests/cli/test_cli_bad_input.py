@@ -13,7 +13,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map, write_colmap_model
 
 from gscpe.cli.main import main
 from gscpe.scene import open_map, save_map, write_image
-from gscpe.scene.pose_file import format_pose
+from gscpe.scene.poses.hloc import format_pose
 
 CAMERA = room_camera(60, 45)
 CAMERA_WORDS = CAMERA.colmap_text()

@@ -16,7 +16,7 @@ from gscpe.cli.main import main
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.scene import save_map, write_image
 from gscpe.scene.orientation import inverse_orientation, swaps_sides, turned_image
-from gscpe.scene.pose_file import format_pose, parse_pose, read_poses
+from gscpe.scene.poses.hloc import format_pose, parse_pose, read_poses
 
 CAMERA = room_camera(240, 180)
 CAMERA_WORDS = CAMERA.colmap_text()

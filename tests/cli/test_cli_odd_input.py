@@ -10,7 +10,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.cli.main import main
 from gscpe.scene import save_map, write_image
-from gscpe.scene.pose_file import format_pose, read_poses
+from gscpe.scene.poses.hloc import format_pose, read_poses
 
 CAMERA = room_camera(240, 180)
 

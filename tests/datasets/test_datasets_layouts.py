@@ -26,7 +26,7 @@ from gscpe.datasets import (
 from gscpe.datasets.dataset import OFFICIAL
 from gscpe.errors import DatasetError, MissingDependencyError, SettingsError
 from gscpe.geometry import Camera
-from gscpe.scene.pose_file import format_pose
+from gscpe.scene.poses.hloc import format_pose
 
 
 def kitchen(root: Path) -> Dataset:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gscpe.evaluation.demo import DemoReport, run_demo
-from gscpe.evaluation.motorcycle import Motorcycle, load_motorcycle
-from gscpe.geometry import pose_difference
+from gscpe.demo import DemoReport, Motorcycle, load_motorcycle, run_demo
+from gscpe.demo.pictures import ARROW, ARROW_SCALE, shifts
+from gscpe.geometry import pose_difference, se3
 from gscpe.geometry.projection import pixel_centres, project, transform_points, unproject
 from gscpe.mapping import map_from_rgbd
 from gscpe.render import Renderer
@@ -93,7 +93,7 @@ def test_the_demo_finds_the_true_pose(report: DemoReport) -> None:
 
 
 def test_the_demo_draws_pictures(report: DemoReport) -> None:
-    assert len(report.pictures) == 6
+    assert len(report.pictures) == 10
     for name, path in report.pictures.items():
         assert path.is_absolute()
         picture = read_image(path)
@@ -102,8 +102,34 @@ def test_the_demo_draws_pictures(report: DemoReport) -> None:
         assert picture.std() > 5.0
     np.testing.assert_array_equal(read_image(report.pictures["photo"]), load_motorcycle().right)
     differences = [path for name, path in report.pictures.items() if "difference" in name]
-    assert len(differences) == 2
+    assert len(differences) == 3
     assert {"build map", "retrieval", "coarse", "refinement", "total"} <= set(report.seconds)
+
+
+def test_the_overview_shows_what_refinement_did(pair: Motorcycle, report: DemoReport) -> None:
+    """The arrows are the shifts of the map's points between the true pose and another: a turn
+    about y moves the middle of the picture by f tan(angle), the true pose moves nothing."""
+    turned = se3.exp([0, 0, 0, 0, np.radians(0.1), 0]) @ pair.right_from_left
+    map_ = map_from_rgbd(pair.left, pair.left_depth, pair.left_camera, np.eye(4))
+    with Renderer(map_.scene) as renderer:
+        view = renderer.render(pair.right_camera, pair.right_from_left)
+    pixels, moved, known = shifts(view, turned)
+    middle = known & (np.linalg.norm(pixels - (342.779, 255.377), axis=2) < 40)
+    assert np.count_nonzero(middle) > 1000
+    expected = (994.978 * np.tan(np.radians(0.1)), 0.0)
+    np.testing.assert_allclose(moved[middle] - expected, 0.0, atol=0.02)
+    assert np.abs(shifts(view, pair.right_from_left)[1][known]).max() < 1e-9
+    coarse, final = (
+        report.pictures[f"shift at the {stage} pose (x{ARROW_SCALE})"]
+        for stage in ("coarse", "final")
+    )
+    drawn = [np.mean(np.all(read_image(path) == ARROW, axis=2)) for path in (coarse, final)]
+    assert drawn[1] < 0.8 * drawn[0]  # shorter arrows
+    overview = read_image(report.pictures["overview"]).astype(float)
+    height = overview.shape[0] // 3
+    for row in (height, 2 * height):  # the pairs that show a gain do not look the same
+        left, right = np.split(overview[row + 26 : row + height - 60], 2, axis=1)
+        assert np.mean(np.abs(left - right)) > 5.0
 
 
 def test_the_map_is_not_shifted_from_its_photo(pair: Motorcycle) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Mapping
 
@@ -16,11 +17,13 @@ from gscpe.errors import DatasetError, OutputError
 from gscpe.evaluation import SceneRun, published
 from gscpe.evaluation.ablation_table import AblationRow, ablation_table
 from gscpe.evaluation.accuracy_tables import accuracy_table, shares_table
-from gscpe.evaluation.runtime_table import runtime_table
+from gscpe.evaluation.query_table import query_table
+from gscpe.evaluation.runtime_table import runtime_table, stage_times_table
 from gscpe.evaluation.table import Table, to_json, to_latex, to_markdown, to_text
 from gscpe.evaluation.tables import benchmark_tables, write_tables
+from gscpe.evaluation.text import NOTHING, significant_text
 from gscpe.geometry import se3
-from gscpe.scene.pose_file import format_pose
+from gscpe.scene.poses.hloc import format_pose
 
 Poses = dict[str, NDArray[np.float64]]
 
@@ -43,7 +46,8 @@ def scene_run(
     seconds: float = 0.1,
 ) -> SceneRun:
     """Queries that end as far off (centimetres and degrees) as ``errors`` says, None: not
-    localized, and whose coarse pose is twice as far off. A second truth is 1 cm aside."""
+    localized; coarse poses are twice, aligned ones 1.5 times as far off. A second truth is 1 cm
+    aside."""
     rng = np.random.default_rng(len(scene))
     truth = {f"{i}.png": random_pose(rng) for i in range(len(errors))}
     aside = {name: moved(pose, 0.01, 0.0) for name, pose in truth.items()}
@@ -57,9 +61,9 @@ def scene_run(
             scale = 0.01 / (unit or 1.0)
             poses = [
                 {"cam_from_world": format_pose(moved(pose, k * scale * error[0], k * error[1]))}
-                for k in (1, 2)
+                for k in (1, 2, 1.5)
             ]
-            detail |= {"status": "localized", **poses[0], "aligned": poses[0]}
+            detail |= {"status": "localized", **poses[0], "aligned": poses[2]}
             detail["coarse"] = poses[1] if coarse else None
             detail["seconds"] = {
                 **{"features": seconds, "retrieval": 2 * seconds, "coarse": 3 * seconds},
@@ -85,12 +89,14 @@ def test_accuracy_by_scene_and_on_average() -> None:
     assert table.header == ("", "chess", "redkitchen", "average", "not localized")
     assert table.rows == (
         ("coarse", "1.600 / 0.600", "11.000 / 0.900", "6.300 / 0.750", "1 of 8"),
+        ("aligned", "1.200 / 0.450", "8.250 / 0.675", "4.725 / 0.562", "1 of 8"),
         ("final", "0.800 / 0.300", "5.500 / 0.450", "3.150 / 0.375", "1 of 8"),
         ("GS-CPE, coarse (published)", "–", "0.74 / 0.32", "–", "–"),  # noqa: RUF001
         ("GS-CPE, final (published)", "–", "0.72 / 0.27", "–", "–"),  # noqa: RUF001
     )
     assert any("final: the mean" in note for note in table.notes)
-    final = table.records[1]
+    assert table.keys == ("coarse", "aligned", "final", "published", "published")
+    final = table.records[2]
     assert final["scenes"]["redkitchen"]["median_position_cm"] == pytest.approx(5.5, abs=1e-6)
     assert final["average"]["median_rotation_degrees"] == pytest.approx(0.375, abs=1e-6)
     assert final["scenes"]["chess"] | {"queries": 4, "with_pose": 3} == final["scenes"]["chess"]
@@ -105,20 +111,20 @@ def test_another_ground_truth_has_its_own_table() -> None:
         "Seconds a query",
     ]
     # Everything moved along +x, and so did this truth: 1 cm less.
-    assert tables[2].rows[1][1:3] == ("0.200 / 0.300", "4.500 / 0.450")
+    assert tables[2].rows[2][1:3] == ("0.200 / 0.300", "4.500 / 0.450")
     assert not any("published" in row[0] for row in tables[2].rows)
 
 
 def test_the_published_average_is_of_all_scenes() -> None:
     runs = [scene_run(scene, [(0.5, 0.1)]) for scene in published.SCENES]
     rows = accuracy_table("7-Scenes", "sfm", runs).rows
-    assert rows[2][-2] == "1.08 / 0.31"
-    assert rows[3][-2] == "0.91 / 0.29"
+    assert rows[3][-2] == "1.08 / 0.31"
+    assert rows[4][-2] == "0.91 / 0.29"
     for other in ({}, {"split": "every 4th"}):
         runs[3] = scene_run("office", [(0.5, 0.1)], setup=other)
-        assert len(accuracy_table("7-Scenes", "sfm", runs).rows) == 2
-    assert len(accuracy_table("12-Scenes", "sfm", runs[:3]).rows) == 2
-    assert len(accuracy_table("7-Scenes", "sfm", [CHESS]).rows) == 2  # no number of it known
+        assert len(accuracy_table("7-Scenes", "sfm", runs).rows) == 3
+    assert len(accuracy_table("12-Scenes", "sfm", runs[:3]).rows) == 3
+    assert len(accuracy_table("7-Scenes", "sfm", [CHESS]).rows) == 3  # no number of it known
 
 
 def test_shares_are_of_all_queries() -> None:
@@ -126,10 +132,13 @@ def test_shares_are_of_all_queries() -> None:
     assert table.header[1:] == ("10 cm / 5°", "5 cm / 5°", "2 cm / 2°", "1 cm / 1°")
     assert table.rows == (
         ("chess, coarse", "75.0%", "75.0%", "50.0%", "25.0%"),
+        ("chess, aligned", "75.0%", "75.0%", "75.0%", "25.0%"),
         ("chess, final", "75.0%", "75.0%", "75.0%", "50.0%"),
         ("redkitchen, coarse", "50.0%", "50.0%", "25.0%", "0.0%"),
+        ("redkitchen, aligned", "50.0%", "50.0%", "25.0%", "0.0%"),
         ("redkitchen, final", "75.0%", "50.0%", "50.0%", "25.0%"),
         ("average, coarse", "62.5%", "62.5%", "37.5%", "12.5%"),
+        ("average, aligned", "62.5%", "62.5%", "50.0%", "12.5%"),
         ("average, final", "75.0%", "62.5%", "62.5%", "37.5%"),
     )
 
@@ -153,12 +162,13 @@ def test_followed_cameras_have_no_coarse_pose() -> None:
     table = accuracy_table("7-Scenes", "sfm", [run])
     assert table.rows == (
         ("coarse", "–", "0 of 2"),  # noqa: RUF001
+        ("aligned", "2.250 / 0.225", "0 of 2"),
         ("final", "1.500 / 0.150", "0 of 2"),
     )
     assert "coarse: without 2 localized queries that needed no coarse stage" in table.notes
     shares = shares_table("7-Scenes", "sfm", [run]).rows
     assert set(shares[0][1:]) == {"–"}  # noqa: RUF001
-    assert shares[1][1:] == ("100.0%", "100.0%", "100.0%", "0.0%")
+    assert shares[2][1:] == ("100.0%", "100.0%", "100.0%", "0.0%")
 
 
 def test_nothing_was_localized(tmp_path: Path) -> None:
@@ -166,8 +176,8 @@ def test_nothing_was_localized(tmp_path: Path) -> None:
     text = (tmp_path / "tables.json").read_text()
     assert "NaN" not in text
     tables = json.loads(text)["tables"]
-    assert tables[0]["rows"][1]["scenes"]["fire"]["median_position_cm"] is None
-    assert tables[0]["rows"][1]["average"]["median_position_cm"] is None
+    assert tables[0]["rows"][2]["scenes"]["fire"]["median_position_cm"] is None
+    assert tables[0]["rows"][2]["average"]["median_position_cm"] is None
     assert tables[1]["rows"][1]["within"][0]["share"] == 0.0
     rows = (tmp_path / "tables.txt").read_text().splitlines()
     final = next(row for row in rows if row.startswith("final "))
@@ -179,9 +189,85 @@ def test_nothing_was_localized(tmp_path: Path) -> None:
 def test_maps_without_a_unit() -> None:
     run = scene_run("hall", [(0.5, 0.1), (1.5, 0.3)], unit=None)
     table = accuracy_table("7-Scenes", "sfm", [run, CHESS])
-    assert table.rows[1][1:4] == ("0.01 u / 0.200", "0.800 / 0.300", "–")  # noqa: RUF001
-    assert table.records[1]["scenes"]["hall"]["median_position_units"] == pytest.approx(0.01)
+    assert table.rows[2][1:4] == ("0.01 u / 0.200", "0.800 / 0.300", "–")  # noqa: RUF001
+    assert table.records[2]["scenes"]["hall"]["median_position_units"] == pytest.approx(0.01)
     assert set(shares_table("7-Scenes", "sfm", [run]).rows[1][1:]) == {"–"}  # noqa: RUF001
+
+
+def test_a_truth_that_knows_none_of_the_photos(tmp_path: Path) -> None:
+    """It costs no table: neither of the other truths nor of the other scenes."""
+    other = replace(KITCHEN, truths={"sfm": {"elsewhere.png": np.eye(4)}})
+    write_tables([CHESS, other], tmp_path)
+    tables = json.loads((tmp_path / "tables.json").read_text())["tables"]
+    assert list(tables[0]["rows"][2]["scenes"]) == ["chess"]
+    assert tables[2]["notes"] == [
+        "sfm knows none of these photos of redkitchen: there are no errors"
+    ]
+    for end in ("txt", "md", "tex"):
+        assert "knows none of these" in (tmp_path / f"tables.{end}").read_text()
+
+
+def test_seconds_of_one_run_by_stage() -> None:
+    table = stage_times_table(CHESS.details)
+    assert [row[:2] for row in table.rows] == [
+        *(("features", "4"), ("retrieval", "3"), ("coarse", "3")),
+        *(("refinement", "3"), ("total", "4")),
+    ]
+    totals = [0.1, 1.4, 1.8, 2.2]
+    assert table.rows[-1][2:] == (
+        *(f"{np.median(totals):.3f}", f"{np.quantile(totals, 0.9):.3f}", "2.200", "100.0%"),
+    )
+    assert table.records[1]["share"] == pytest.approx(0.6 / 5.5)
+    assert stage_times_table([]).rows == ()
+
+
+def with_covariance(run: SceneRun) -> SceneRun:
+    """Camera centres known to 2 mm (where a unit is a metre) in each direction, turns to 1
+    mrad; nothing of those without a pose."""
+    covariance = np.diag([4e-6] * 3 + [1e-6] * 3).tolist()
+    common = {"reason": None, "reference": "r.png"}
+    details = []
+    for detail in run.details:
+        if detail["status"] == "localized":
+            details.append({**detail, **common, "covariance": covariance})
+        else:
+            details.append({**detail, **common, "reason": "too dark", "covariance": None})
+    return replace(run, details=tuple(details))
+
+
+def columns(table: Table) -> dict[str, tuple[str, ...]]:
+    return dict(zip(table.header, zip(*table.rows, strict=True), strict=True))
+
+
+def test_queries_with_their_uncertainty() -> None:
+    run = with_covariance(CHESS)
+    table = query_table(run)
+    column = columns(table)
+    assert column["coarse position, cm"] == ("0.80", "1.60", "2.40", NOTHING)
+    assert column["final rotation, °"] == ("0.100", "0.300", "0.800", NOTHING)
+    assert column["position sd, cm"] == ("0.35", "0.35", "0.35", NOTHING)
+    degrees = f"{np.degrees(np.sqrt(3) * 1e-3):.3f}"
+    assert column["rotation sd, °"] == (degrees, degrees, degrees, NOTHING)
+    assert column["status, reason"][3] == "not localized: too dark"
+    assert table.keys == ("localized", "localized", "localized", "refused")
+    assert table.records[0]["sd_position_cm"] == pytest.approx(0.2 * np.sqrt(3))
+    names = [name for name in table.header if "position" in name]
+    alone = query_table(replace(run, truths={}))
+    assert [name for name in alone.header if "position" in name] == names[2:]
+    assert to_text([table]).splitlines()[2].startswith("photo  status, reason  ")
+
+
+def test_errors_in_an_unknown_unit_are_not_rounded_away() -> None:
+    run = with_covariance(scene_run("hall", [(0.04, 0.1), (150000.0, 0.3)], unit=None))
+    column = columns(query_table(run))
+    assert column["final position, units"] == ("0.0004", "1500")
+    assert column["position sd, units"] == ("0.00346", "0.00346")
+
+
+def test_numbers_with_significant_digits() -> None:
+    texts = [significant_text(value) for value in (0.0, 0.0004, 1.2345, 999.4, 999.6, 123456.0)]
+    assert texts == ["0", "0.0004", "1.23", "999", "1000", "123456"]
+    assert significant_text(None) == significant_text(float("nan")) == NOTHING
 
 
 def test_four_files_that_do_not_change(tmp_path: Path) -> None:
@@ -262,3 +348,14 @@ def test_text_is_aligned() -> None:
 def test_rows_of_another_length() -> None:
     with pytest.raises(ValueError, match="another number of cells"):
         Table("T", ("", "a"), (("x",),))
+    with pytest.raises(ValueError, match="2 keys for 1 rows"):
+        Table("T", ("", "a"), (("x", "y"),), keys=("k", "k"))
+    with pytest.raises(ValueError, match="no column is named 'b'"):
+        Table("T", ("", "a"), (("x", "y"),), words=("b",))
+
+
+def test_words_begin_at_the_left() -> None:
+    table = Table("T", ("", "why", "n"), (("a", "since", "1"),), words=("why",))
+    assert to_text([table]).splitlines()[2:] == ["   why    n", "-  -----  -", "a  since  1"]
+    assert to_markdown([table]).splitlines()[3] == "|---|---|---:|"
+    assert r"\begin{tabular}{llr}" in to_latex([table])

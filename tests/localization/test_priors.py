@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 from typing import Iterator
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
@@ -147,6 +150,38 @@ def test_places_differ_by_where_they_are_or_where_they_look() -> None:
     )
     places = different_places(retrieved(1, 0, 3, 2), poses, same_place=0.5, same_place_degrees=30.0)
     assert [place.index for place in places] == [1, 3, 2]
+
+
+def test_look_alikes_in_front_hide_no_place() -> None:
+    """A video stood still at one place: 500 frames of it rank before all others."""
+    still = [se3.exp([1e-3 * i, 0, 0, 0, 0, 0]) for i in range(500)]
+    others = [se3.exp([3.0, 0, 0, 0, 0, 0]), se3.exp([-3.0, 0, 0, 0, 0, 0])]
+    poses = np.stack([*still, *others])
+    asked: list[int] = []
+
+    def ranking() -> Iterator[RetrievedReference]:
+        for index in range(len(poses)):
+            asked.append(index)
+            yield RetrievedReference(index, 1.0)
+
+    places = different_places(ranking(), poses, same_place=0.5, same_place_degrees=30.0)
+    assert [place.index for place in islice(places, 1)] == [0]
+    assert asked == [0]  # no more than is needed
+    assert [place.index for place in places] == [500, 501]
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_places_are_told_apart_as_poses_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    poses = np.stack([se3.exp(rng.normal(scale=0.4, size=6)) for _ in range(12)])
+    ranking = retrieved(*rng.permutation(12).tolist())
+    found = [p.index for p in different_places(ranking, poses, 0.7, 40.0)]
+    expected: list[int] = []
+    for each in ranking:
+        apart = [pose_difference(poses[each.index], poses[other]) for other in expected]
+        if not any(a.distance < 0.7 and a.degrees < 40.0 for a in apart):
+            expected.append(each.index)
+    assert found == expected
 
 
 def test_the_prior_reorders_but_removes_nothing() -> None:

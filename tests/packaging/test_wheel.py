@@ -19,5 +19,6 @@ def test_the_wheel_holds_all_that_runs(tmp_path: Path) -> None:
         assert f"gscpe/shaders/{shader.name}" in names
     for module in (ROOT / "gscpe").rglob("*.py"):
         assert str(module.relative_to(ROOT)) in names
-    assert {"gscpe/py.typed", "gscpe/report/page.css", "gscpe/report/page.js"} <= names
+    page = {f"gscpe/report/page.{kind}" for kind in ("html.jinja", "css", "js")}
+    assert {"gscpe/py.typed", *page} <= names
     assert not [name for name in names if name.startswith(("tests", "tools", "examples"))]

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import random_pose, random_rotation
+from markupsafe import Markup
 from numpy.typing import NDArray
 from report_runs import EVIL, TRUTH, room_run
 from scenes import room_map
@@ -26,13 +27,12 @@ from gscpe.geometry import pose_difference, se3
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.matching import SiftMatcher
 from gscpe.report import ReportSettings, write_report
-from gscpe.report.axis import log_axis, round_down, round_up
 from gscpe.report.curves import cumulative_curves
-from gscpe.report.ground_plane import choose_ground_plane
-from gscpe.report.markup import Markup, element
+from gscpe.report.ground import choose_ground_plane
 from gscpe.report.query_pictures import draw_query
 from gscpe.report.selection import select_queries
-from gscpe.scene.pose_file import format_pose, parse_pose
+from gscpe.report.svg import element, log_axis, round_down, round_up
+from gscpe.scene.poses.hloc import format_pose, parse_pose
 
 VOID = {"meta", "img", "input", "br", "link", "hr"}
 MATCHER = SiftMatcher()
@@ -130,9 +130,10 @@ def test_the_page_holds_every_number(page: Page, run: SceneRun) -> None:
         assert f"{detail['seconds']['total']:.2f}" in page.texts
         assert detail["name"] in page.texts
     assert f"{100 * np.median(distances):.3g} cm" in page.texts
-    assert f"{np.median(degrees):.3f}°" in page.texts
-    assert "4 of 5" in page.texts  # the black photo has a true pose, the missing one none
-    assert "80.0 %" in page.texts
+    assert f"{np.median(degrees):.3g}°" in page.texts
+    assert f"{100 * np.median(distances):.3f} / {np.median(degrees):.3f}" in page.texts
+    assert "1 of 5" in page.texts  # the black photo has a true pose, the missing one none
+    assert "80.0%" in page.texts
     assert "4 / 6" in page.texts
     for text in ("Rooms & co", "the <test> one", "1 May 2030", run.details[4]["reason"]):
         assert text in page.text
@@ -174,17 +175,29 @@ def test_without_a_truth(run: SceneRun, localizer: Localizer, folder: Path) -> N
 def test_nothing_was_localized(run: SceneRun, localizer: Localizer, folder: Path) -> None:
     page = report(replace(run, details=run.details[4:]), localizer, folder)
     assert "0 / 2" in page.text
-    assert "0 of 1" in page.text
+    assert "1 of 1" in page.text
     assert "There is no position error to draw" in page.text
     assert "No pose was found" in page.text
     empty = replace(run, details=(), truths={})
     assert "0 / 0" in report(empty, localizer, folder).text
 
 
+def test_three_poses_and_their_uncertainty(page: Page, run: SceneRun) -> None:
+    for stage in ("coarse", "aligned", "final"):
+        assert any(text.startswith(f"{stage}: median ") for text in page.texts)
+        assert f"{stage}, error" in page.texts
+    assert {"coarse pose", "final pose", "true pose"} <= {*page.texts}
+    assert "efined" not in page.text
+    for detail in run.details[:4]:
+        sigma = 100 * np.sqrt(np.trace(np.array(detail["covariance"])[:3, :3]))
+        assert f"{sigma:.2f}" in page.texts
+
+
 def test_an_unknown_unit(run: SceneRun, localizer: Localizer, folder: Path) -> None:
     page = report(replace(run, metres_per_unit=None), localizer, folder, queries=0)
     assert "final position, units" in page.texts
     assert not re.search(r"\d c?m\b", page.text)
+    assert "(cm)" not in page.text
 
 
 def test_what_cannot_be_written(run: SceneRun, localizer: Localizer, folder: Path) -> None:
@@ -310,25 +323,26 @@ def test_round_numbers_and_ticks() -> None:
 
 def test_a_curve_ends_at_the_share_that_was_localized() -> None:
     errors = np.geomspace(1.0, 100.0, 10)
-    svg = cumulative_curves("position error", "cm", {"final": list(errors)}, 20)
+    curves = cumulative_curves("position error", "cm", {"final": list(errors)}, 20)
+    svg = curves.drawing
     (path,) = re.findall(r'd="([^"]+)" class="curve final"', svg)
     heights = [float(y) for y in re.findall(r"V([\d.]+)", path)]
     (bottom,) = re.findall(r"^M\S+ (\S+?)H", path)
     grid = [float(y) for y in re.findall(r'd="M[\d.]+ ([\d.]+)H[^"]*" class="grid"', svg)]
     zero, half = float(bottom), grid[2]
     np.testing.assert_allclose(heights, np.linspace(zero, half, 11)[1:], atol=0.06)
-    assert f"median {np.median(errors):.3g} cm" in svg
+    assert curves.legend == {"final": f"final: median {np.median(errors):.3g} cm"}
+    assert curves.legend["final"] in svg
     many = cumulative_curves("e", "cm", {"final": list(np.geomspace(1, 9, 5000))}, 5000)
-    assert len(many) < 20_000
+    assert len(many.drawing) < 20_000
 
 
 def test_only_markup_is_not_escaped() -> None:
-    inner = element("b", "1 < 2 & 3", title='"')
-    assert inner == '<b title="&quot;">1 &lt; 2 &amp; 3</b>'
-    assert element("p", inner, class_="a", hidden=True, id=None, data_x=0.5) == (
-        f'<p class="a" hidden data-x="0.5">{inner}</p>'
+    inner = element("text", "1 < 2 & 3", href='"')
+    assert inner == '<text href="&#34;">1 &lt; 2 &amp; 3</text>'
+    assert element("g", inner, "<", class_="a", text_anchor="end", x=0.504, y=20.0) == (
+        f'<g class="a" text-anchor="end" x="0.5" y="20">{inner}&lt;</g>'
     )
-    assert element("br") == "<br>"
     assert isinstance(inner, Markup)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Iterator
 
@@ -34,6 +35,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         run = room_run(localizer, folder)
         settings = ReportSettings(queries=4)
         write_report(folder / "report.html", run, localizer, folder, settings, matcher)
+        small, none = replace(run, metres_per_unit=1e-4), ReportSettings(queries=0)
+        write_report(folder / "small.html", small, localizer, folder, none)
     return folder / "report.html"
 
 
@@ -177,6 +180,30 @@ def test_light_and_dark(browser: Any, scheme: str) -> None:
         for p in ("background-color", "color")
     )
     assert (paper > 600 and ink < 200) if scheme == "light" else (paper < 150 and ink > 500)
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+def test_labels_of_plots_are_not_cut(browser: Any, page: Path, width: int) -> None:
+    """At either width, which set two sizes of letters: small errors end with a label as long as
+    0.0002, half of which lies right of its tick."""
+    browser.get(page.with_name("small.html").as_uri())
+    size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        script = """
+            return [...document.querySelectorAll("svg.plot text")].map(text => {
+                const inner = text.getBoundingClientRect();
+                const outer = text.closest("svg").getBoundingClientRect();
+                return [inner.left - outer.left, inner.top - outer.top,
+                        outer.right - inner.right, outer.bottom - inner.bottom];
+            });
+        """
+        spaces = browser.execute_script(script)
+        assert len(spaces) > 15
+        assert "0.0002" in [e.text for e in browser.find_elements("css selector", ".plot text")]
+        assert min(map(min, spaces)) >= 0
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_nothing_sticks_out_on_a_phone(browser: Any) -> None:

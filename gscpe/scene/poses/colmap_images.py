@@ -10,7 +10,7 @@ from typing import Mapping
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.pose_file import add_pose, format_pose, is_number, parse_pose
+from gscpe.scene.poses.hloc import add_pose, format_pose, is_number, parse_pose
 
 
 def parse_colmap_images(text: str, source: str) -> dict[str, Float64Array]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
-from gscpe.scene.pose_file import is_number, pose_lines
+from gscpe.scene.poses.hloc import is_number, pose_lines
 
 PoseFormat = Literal["hloc", "pgt", "colmap", "tum", "json"]
 """``hloc``: name, quaternion, translation; ``pgt``: the same with a focal length, 7-Scenes'

@@ -10,9 +10,9 @@ from typing import Mapping
 from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError, PoseError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.pose_file import format_pose, parse_poses, read_pose_text
 from gscpe.scene.poses.colmap_images import format_colmap_images, parse_colmap_images
 from gscpe.scene.poses.detect import PoseFormat, detect_format
+from gscpe.scene.poses.hloc import format_pose, parse_poses, read_pose_text
 from gscpe.scene.poses.json_poses import format_json_poses, parse_json_poses
 from gscpe.scene.poses.tum import format_tum, parse_tum
 

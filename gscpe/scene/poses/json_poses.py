@@ -11,7 +11,7 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError, PoseError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
-from gscpe.scene.pose_file import add_pose, parse_pose
+from gscpe.scene.poses.hloc import add_pose, parse_pose
 
 FORMAT = "gscpe poses"
 VERSION = 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gscpe.batch import write_poses
 from gscpe.errors import OutputError, PoseError
 from gscpe.geometry import se3
-from gscpe.scene.pose_file import format_pose, parse_pose, read_poses
+from gscpe.scene.poses.hloc import format_pose, parse_pose, read_poses
 
 IDENTITY = "1 0 0 0 0 0 0"
 

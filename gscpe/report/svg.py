@@ -1,4 +1,4 @@
-"""Ticks of drawn axes, and round numbers."""
+"""What drawings are made of: SVG elements, axes and round numbers."""
 
 from __future__ import annotations
 
@@ -6,10 +6,33 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup, escape
 
 from gscpe.arrays import Float64Array
 
 _STEPS = (1.0, 2.0, 5.0)
+
+
+def element(name: str, /, *content: str, **attributes: str | float) -> Markup:
+    """``<name ...>content</name>``; text that is not markup already is escaped.
+
+    Attributes are named as in SVG, with ``_`` for ``-`` and at the end of Python's words
+    (``class_``). Numbers are written with at most two decimals.
+    """
+    written = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(_text(value))}"'
+        for key, value in attributes.items()
+    )
+    return Markup(f"<{name}{written}>{join(*content)}</{name}>")
+
+
+def join(*pieces: str) -> Markup:
+    """Pieces one after the other; text among them is escaped."""
+    return Markup("").join(pieces)
+
+
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:.2f}".rstrip("0").rstrip(".")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""Pose files in hloc's form: ``name qw qx qy qz tx ty tz``, world to camera.
-
-The other forms are in :mod:`gscpe.scene.poses`.
-"""
+"""Pose files in hloc's form: ``name qw qx qy qz tx ty tz``, world to camera."""
 
 from __future__ import annotations
 
