@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from gscpe.cli.common import Commands, add_backend, show_progress
 from gscpe.mapping import MapSettings, build_map, map_without_references, with_fitting_axes
@@ -72,6 +73,12 @@ def run(options: argparse.Namespace) -> int:
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
     check_map_output(options.output, compress=options.compress)
+    if (options.no_references or options.no_check) and may_have_other_axes(options.splat):
+        print(
+            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
+            "they are stored (y and z may be negated against the .ply)",
+            file=sys.stderr,
+        )
     if options.no_references:
         scene = read_splat(options.splat)
         map_ = map_without_references(scene, settings.metres_per_unit)

@@ -16,6 +16,7 @@ import pytest
 from helpers import random_scene, write_splat
 from numpy.typing import NDArray
 
+from gscpe.cli.main import main
 from gscpe.errors import MissingDependencyError, SplatError
 from gscpe.scene import GaussianScene, read_splat, splat_formats
 from gscpe.scene.gaussians import SH_C0
@@ -221,3 +222,17 @@ def test_without_gaussforge_the_remedy_is_named(
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(MissingDependencyError, match=r"gscpe\[formats\]"):
         read_splat(write(tmp_path, "spz", b"anything"))
+
+
+def test_axes_that_nothing_is_compared_with(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = random_scene(rng, 20, 0)
+    for kind, said in (("spz", True), ("ply", False)):
+        path = tmp_path / "original.ply"
+        write_splat(path, scene)
+        if kind != "ply":
+            path = write(tmp_path, kind, encoded(scene, kind, tmp_path))
+        output = str(tmp_path / f"{kind}.gsmap")
+        assert main(["build-map", str(path), "--no-references", "--output", output]) == 0
+        assert ("does not say its axes" in capsys.readouterr().err) == said
