@@ -48,9 +48,8 @@ from gscpe.retrieval import (
     search,
     xfeat,
 )
-from gscpe.scene import read_image, read_splat
+from gscpe.scene import read_image, read_splat, to_uint8
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.photo import to_uint8
 from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 

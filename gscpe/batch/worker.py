@@ -13,7 +13,7 @@ from gscpe.batch.threads import limited_threads
 from gscpe.closing import Closing
 from gscpe.errors import InputError, MapError
 from gscpe.localization import Localizer
-from gscpe.scene import open_map, read_image
+from gscpe.scene import open_map, read_image_of
 from gscpe.scene.query_list import Query
 
 
@@ -64,7 +64,7 @@ class Worker(Closing):
             RenderError: rendering failed.
         """
         try:
-            image = read_image(self._image_folder / query.name)
+            image = read_image_of(self._image_folder / query.name, query.camera)
             return result_details(query, self._localizer.localize(image, query.camera))
         except InputError as error:
             return failed_details(query, str(error))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from gscpe.cli.common import Commands, add_backend, show_progress
-from gscpe.mapping import MapSettings, build_map, check_frames, map_without_references
+from gscpe.mapping import MapSettings, build_map, map_without_references, with_fitting_axes
 from gscpe.retrieval import METHODS, check_method
 from gscpe.scene import read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
+from gscpe.scene.splat_kind import may_have_other_axes
 
 
 def add_parser(commands: Commands) -> None:
@@ -71,6 +73,12 @@ def run(options: argparse.Namespace) -> int:
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
     check_map_output(options.output, compress=options.compress)
+    if (options.no_references or options.no_check) and may_have_other_axes(options.splat):
+        print(
+            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
+            "they are stored (y and z may be negated against the .ply)",
+            file=sys.stderr,
+        )
     if options.no_references:
         scene = read_splat(options.splat)
         map_ = map_without_references(scene, settings.metres_per_unit)
@@ -81,7 +89,14 @@ def run(options: argparse.Namespace) -> int:
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)
     if not options.no_check:
-        check_frames(scene, references, options.images, options.backend, show_progress())
+        scene = with_fitting_axes(
+            scene,
+            references,
+            options.images,
+            options.backend,
+            show_progress(),
+            may_have_other_axes(options.splat),
+        )
     map_ = build_map(scene, references, options.images, settings, progress=show_progress())
     save_map(map_, options.output, compress=options.compress)
     print(f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos")

@@ -26,7 +26,7 @@ from gscpe.cli.common import (
 from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer, LocalizerSettings, PosePrior
-from gscpe.scene import camera_from_exif, open_map, read_image
+from gscpe.scene import camera_from_exif, open_map, read_image, read_image_of
 from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query, read_query_list
 
@@ -96,9 +96,10 @@ def run(options: argparse.Namespace) -> int:
 def _localize_photo(options: argparse.Namespace) -> int:
     camera = None if options.camera is None else Camera.parse(options.camera)
     prior = _prior(options)
-    image = read_image(options.photo)
-    if camera is not None:
-        camera.check_fits(image.shape, options.photo)
+    if camera is None:
+        image = read_image(options.photo, upright=True)
+    else:
+        image = read_image_of(options.photo, camera)
     with Localizer(
         open_map(options.map),
         LocalizerSettings(retrieval_model=options.retrieval_model),
@@ -108,7 +109,9 @@ def _localize_photo(options: argparse.Namespace) -> int:
     ) as localizer:
         if camera is None:
             try:
-                camera = localizer.estimate_camera(image, camera_from_exif(options.photo))
+                camera = localizer.estimate_camera(
+                    image, camera_from_exif(options.photo, upright=True)
+                )
             except CameraError as error:  # as if the photo were not recognized
                 print(f"{options.photo}: not localized: {error}", file=sys.stderr)
                 return 1

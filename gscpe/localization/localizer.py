@@ -19,6 +19,7 @@ from gscpe.geometry.se3 import check_transform
 from gscpe.localization.attempt import Attempt, PreparedPhoto
 from gscpe.localization.border import prior_in_map, view_in_world
 from gscpe.localization.clock import Clock
+from gscpe.localization.light import trouble_with_light
 from gscpe.localization.observer import Observer
 from gscpe.localization.result import NO_FEATURES, LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
@@ -95,7 +96,8 @@ class Localizer(Closing):
         """Estimates the pose of a photo.
 
         Args:
-            image: (H, W, 3) uint8 RGB.
+            image: (H, W, 3) uint8 RGB, as :func:`gscpe.read_image` has it, and not BGR as OpenCV
+                has it; or (H, W, 4), where pixels that are transparent are left out.
             camera: its intrinsics; lens distortion is removed first.
             prior: where the camera probably is; or the result of the frame before, which
                 counts only if it was localized. A sure prior skips retrieval and the coarse
@@ -150,7 +152,8 @@ class Localizer(Closing):
             best = max(attempts, key=Attempt.rank)
             if best.doubt is None and self._is_sure(best):
                 break
-        return LocalizationResult.of(attempts, camera, frame, self.settings, clock.seconds())
+        result = LocalizationResult.of(attempts, camera, frame, self.settings, clock.seconds())
+        return result if result.localized else result.because(trouble_with_light(photo))
 
     def _prior_of(self, result: LocalizationResult) -> PosePrior | None:
         """The result of the frame before says where the camera was, some centimetres ago."""
@@ -279,6 +282,7 @@ class Localizer(Closing):
             if isinstance(estimate, Camera):
                 return estimate.resized(photo.camera.width, photo.camera.height)
             reason = estimate
+        reason = trouble_with_light(photo) or reason
         raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
 
     def _reference_width(self) -> float:
@@ -306,7 +310,7 @@ class Localizer(Closing):
         references = self.map.references.cameras
         if not references:
             return photo
-        theirs = float(np.median([camera.fx for camera in references]))
+        theirs = float(np.median([camera.without_distortion().fx for camera in references]))
         scale = min(theirs / photo.camera.fx, self.settings.most_enlarged)
         if 1.0 / self.settings.same_resolution <= scale <= self.settings.same_resolution:
             return photo

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
@@ -89,6 +89,13 @@ class LocalizationResult:
             attempts=tuple(attempt_in_world(attempt, frame) for attempt in attempts),
             seconds=seconds,
         )
+
+    def because(self, cause: str | None) -> LocalizationResult:
+        """The same answer, its reason explained by a cause, if there is one."""
+        if cause is None:
+            return self
+        reason = cause if self.best is None else f"{self.reason}; {cause}"
+        return replace(self, reason=reason)
 
     @property
     def coarse(self) -> CoarseResult | None:

@@ -1,6 +1,6 @@
 """Making maps: from a trained splat and its photos, or from one RGB-D photo."""
 
-from gscpe.mapping.frame_check import check_frames
+from gscpe.mapping.frame_check import check_frames, with_fitting_axes
 from gscpe.mapping.from_rgbd import RgbdMapSettings, map_from_rgbd, scene_from_rgbd
 from gscpe.mapping.from_splat import MapSettings, build_map, map_without_references
 
@@ -12,4 +12,5 @@ __all__ = [
     "map_from_rgbd",
     "map_without_references",
     "scene_from_rgbd",
+    "with_fitting_axes",
 ]

@@ -16,7 +16,7 @@ from gscpe.scene import (
     Map,
     Photo,
     References,
-    read_image,
+    read_image_of,
     to_photo,
 )
 
@@ -98,6 +98,4 @@ class _ReferencePhotos(Sequence[Photo]):
             return [self[i] for i in range(*index.indices(len(self)))]
         path = self._folder / self._references.names[index]
         camera = self._references.cameras[index]
-        image = read_image(path)
-        camera.check_fits(image.shape, f"reference photo {path}")
-        return to_photo(image, camera)
+        return to_photo(read_image_of(path, camera), camera)

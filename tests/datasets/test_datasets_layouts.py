@@ -440,6 +440,6 @@ def test_rgbd_camera_line_of_colmap(tmp_path: Path) -> None:
     camera = read_rgbd_folder(tmp_path).queries[0].camera
     (tmp_path / "camera.txt").write_text(f"# id model ...\n1 {folders.RGBD_CAMERA}\n")
     assert read_rgbd_folder(tmp_path).queries[0].camera == camera
-    (tmp_path / "camera.txt").write_text("FISHEYE 1 2 3\n")
-    with pytest.raises(DatasetError, match=r"camera\.txt: camera model 'FISHEYE'"):
+    (tmp_path / "camera.txt").write_text("FOV 1 2 3\n")
+    with pytest.raises(DatasetError, match=r"camera\.txt: camera model 'FOV'"):
         read_rgbd_folder(tmp_path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.errors import MapError
 from gscpe.geometry import se3
-from gscpe.mapping import check_frames
+from gscpe.mapping import check_frames, with_fitting_axes
 from gscpe.scene import References, write_image
+from gscpe.scene.turned import Y_AND_Z_NEGATED, turned
 
 CAMERA = room_camera(240, 180)
 POSES = [se3.exp([0.02 * i, 0.0, 0.0, 0.0, 0.01 * i, 0.0]) @ ROOM_POSE for i in range(3)]
@@ -56,3 +58,23 @@ def test_another_frame_is_refused(change: str, photos: Path) -> None:
             poses[i] = se3.inverse(pose)
     with pytest.raises(MapError, match=r"does not look like the photos.*another frame or scale"):
         check_frames(room_map().scene, references(poses), photos)
+
+
+@pytest.mark.parametrize("axes_are_open", [False, True])
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_the_axes_that_fit_the_photos_are_taken(
+    is_turned: bool, axes_are_open: bool, photos: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    right = room_map().scene
+    given = turned(right, Y_AND_Z_NEGATED) if is_turned else right
+    with caplog.at_level(logging.WARNING):
+        taken = with_fitting_axes(given, references(POSES), photos, axes_are_open=axes_are_open)
+    np.testing.assert_allclose(taken.means, right.means, atol=1e-6)
+    assert ("y and z negated" in caplog.text) == is_turned
+    assert (taken is given) == (not is_turned)
+
+
+def test_neither_axes_fit(photos: Path) -> None:
+    quarter = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    with pytest.raises(MapError, match="does not look like the photos"):
+        with_fitting_axes(turned(room_map().scene, quarter), references(POSES), photos)

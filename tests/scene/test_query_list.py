@@ -58,7 +58,7 @@ def test_models_comments_and_blanks(tmp_path: Path) -> None:
         "b.png PINHOLE 640 480",
         "b.png PINHOLE 640 480 525 525 320",
         "b.png PINHOLE 640 480 525 525 320 240 0",
-        "b.png FISHEYE 640 480 525 525 320 240",
+        "b.png FOV 640 480 525 525 320 240 1",
         "b.png PINHOLE 640.5 480 525 525 320 240",
         "b.png PINHOLE wide 480 525 525 320 240",
         "b.png PINHOLE 640 480 -525 525 320 240",
