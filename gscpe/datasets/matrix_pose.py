@@ -17,7 +17,7 @@ _ROTATION_TOLERANCE = 1e-3
 
 
 def invert_pose(world_from_cam: ArrayLike, where: str) -> Float64Array:
-    """``cam_from_world``, (4, 4), of a (4, 4) camera-to-world matrix.
+    """``cam_from_world``, (4, 4), of a (4, 4) camera-to-world matrix, or of its first 3 rows.
 
     Files round: the rotation is replaced by the nearest exact one, at most 1e-3 away.
 
@@ -28,6 +28,8 @@ def invert_pose(world_from_cam: ArrayLike, where: str) -> Float64Array:
         matrix = np.asarray(world_from_cam, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
+    if matrix.shape == (3, 4):
+        matrix = np.vstack([matrix, (0.0, 0.0, 0.0, 1.0)])
     # 1e15: beyond it, sums of products of coordinates say nothing any more.
     if matrix.shape != (4, 4) or not np.all(np.abs(matrix) < 1e15):
         raise DatasetError(f"{where}: not a 4x4 matrix of finite numbers")
