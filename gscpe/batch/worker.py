@@ -65,6 +65,7 @@ class Worker(Closing):
         """
         try:
             image = read_image(self._image_folder / query.name)
+            query.camera.check_fits(image.shape, f"photo {query.name}")
             return result_details(query, self._localizer.localize(image, query.camera))
         except InputError as error:
             return failed_details(query, str(error))
