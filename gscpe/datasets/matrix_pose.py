@@ -54,8 +54,9 @@ def read_matrix_poses(paths: Mapping[str, Path], source: str) -> dict[str, Float
     for name, path in paths.items():
         try:
             words = read_text(path, source).split()
-            numbers = parse_numbers(words, 16, str(path), "16 numbers of a 4x4 matrix")
-            poses[name] = invert_pose(np.reshape(numbers, (4, 4)), str(path))
+            count = 12 if len(words) == 12 else 16  # KITTI's have three rows
+            numbers = parse_numbers(words, count, str(path), "16 numbers of a 4x4 matrix")
+            poses[name] = invert_pose(np.reshape(numbers, (-1, 4)), str(path))
         except DatasetError:
             continue
     return poses

@@ -507,6 +507,17 @@ def test_rgbd_folder_split_and_lost_frames(tmp_path: Path) -> None:
         read_rgbd_folder(tmp_path, every=1)
 
 
+def test_rgbd_matrices_of_three_rows(tmp_path: Path) -> None:
+    folders.write_rgbd_folder(tmp_path)
+    expected = read_rgbd_folder(tmp_path)
+    for path in (tmp_path / "poses").glob("*.txt"):
+        np.savetxt(path, np.loadtxt(path)[:3])
+    found = read_rgbd_folder(tmp_path)
+    np.testing.assert_allclose(
+        found.references.cam_from_world, expected.references.cam_from_world, atol=1e-12
+    )
+
+
 def test_rgbd_order_needs_a_pose_a_photo(tmp_path: Path) -> None:
     names = sorted(folders.write_rgbd_folder(tmp_path, form="order"))
     (tmp_path / "rgb" / names[0]).unlink()
