@@ -25,7 +25,8 @@ def main(map_folder: str, queries: str, images: str, truth: str | None = None) -
     starts: Counter[str] = Counter()
     seconds, errors = [], []
     result = None
-    with gscpe.Localizer(gscpe.open_map(map_folder)) as localizer:
+    map_ = gscpe.open_map(map_folder)
+    with gscpe.Localizer(map_) as localizer:
         for query in read_query_list(queries):
             image = gscpe.read_image(f"{images}/{query.name}")
             begin = time.perf_counter()
@@ -36,14 +37,19 @@ def main(map_folder: str, queries: str, images: str, truth: str | None = None) -
                 print(f"{query.name}: not localized: {result.reason}")
             elif query.name in true_poses:
                 error = gscpe.pose_difference(result.cam_from_world, true_poses[query.name])
-                errors.append((100.0 * error.distance, error.degrees))
+                errors.append((error.distance, error.degrees))
     print(f"{len(seconds)} frames, {1.0 / np.median(seconds):.2f} a second (median)")
     print("started from: " + ", ".join(f"{kind} {count}" for kind, count in starts.items()))
     if errors:
-        distance, degrees = np.median(errors, axis=0)
-        worst = np.max(errors, axis=0)
-        print(f"error: median {distance:.2f} cm / {degrees:.3f} deg, ", end="")
-        print(f"worst {worst[0]:.2f} cm / {worst[1]:.3f} deg")
+        for which, (distance, degrees) in (
+            ("median", np.median(errors, axis=0)),
+            ("worst", np.max(errors, axis=0)),
+        ):
+            metres = map_.metres_per_unit
+            length = f"{distance:.4g} map units"
+            if metres is not None:
+                length = f"{100.0 * metres * distance:.2f} cm"
+            print(f"{which} error: {length} / {degrees:.3f} deg")
 
 
 if __name__ == "__main__":

@@ -121,14 +121,15 @@ class Camera:
 
     @classmethod
     def parse(cls, text: str) -> Camera:
-        """A camera from ``MODEL,width,height,params...`` (commas or blanks between).
+        """A camera from ``MODEL,width,height,params...`` (commas or blanks between; sizes may be
+        written as ``640.0``).
 
         Raises:
             CameraError: the text has another form.
         """
         words = text.replace(",", " ").split()
         try:
-            model, width, height = words[0].upper(), int(words[1]), int(words[2])
+            model, width, height = words[0].upper(), _whole(words[1]), _whole(words[2])
             parameters = [float(word) for word in words[3:]]
         except (IndexError, ValueError):
             raise CameraError(
@@ -205,3 +206,11 @@ class Camera:
                 f"{what} is {width}x{height}, but its camera is {self.width}x{self.height}; "
                 "give the camera of this very image size"
             )
+
+
+def _whole(word: str) -> int:
+    """Raises ValueError where the word is no whole number."""
+    number = float(word)
+    if not number.is_integer():
+        raise ValueError(f"{word} is not a whole number")
+    return int(number)

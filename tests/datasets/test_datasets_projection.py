@@ -137,7 +137,6 @@ def test_points_project_alike(case: str, tmp_path: Path) -> None:
 
 
 def test_colmap(tmp_path: Path) -> None:
-    pytest.importorskip("pycolmap")
     from scenes import write_colmap_model
 
     camera = Camera.parse(folders.RGBD_CAMERA)
