@@ -4,7 +4,7 @@
 Usage: python examples/benchmark_capture.py SPLAT MODEL_DIR IMAGE_DIR OUTPUT
 
 SPLAT must be trained without the queries, in the frame of the COLMAP model MODEL_DIR (its
-sparse/0) of the photos in IMAGE_DIR. Writes tables, poses and a report to OUTPUT.
+sparse/0) of the photos in IMAGE_DIR. Writes poses and a report with tables to OUTPUT.
 """
 
 from __future__ import annotations
@@ -12,16 +12,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from gscpe.benchmark import BenchmarkSettings, benchmark_scene
-from gscpe.datasets import read_colmap
-from gscpe.evaluation.tables import write_tables
+import gscpe
 
 
 def main(splat: str, model_folder: str, image_folder: str, output: str) -> None:
-    dataset = read_colmap(model_folder, image_folder, every=8, metres_per_unit=1.0)
+    dataset = gscpe.read_colmap(model_folder, image_folder, every=8, metres_per_unit=1.0)
     print(f"{len(dataset.references)} references, {len(dataset.queries)} queries")
-    run = benchmark_scene(dataset, splat, output, BenchmarkSettings(resume=True), progress=True)
-    write_tables([run], output)
+    settings = gscpe.BenchmarkSettings(resume=True)
+    run = gscpe.benchmark_scene(dataset, splat, output, settings, progress=True)
     result = run.evaluate("final")
     print(f"{result.localized} of {result.queries} photos localized")
     print(f"median {100 * result.median_distance:.2f} cm / {result.median_degrees:.3f} deg")

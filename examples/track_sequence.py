@@ -4,7 +4,7 @@
 Usage: python examples/track_sequence.py MAP QUERIES IMAGES [TRUTH]
 
 QUERIES is a list of frames in order (name MODEL width height params...), IMAGES their folder,
-TRUTH a pose file (name qw qx qy qz tx ty tz) to compare with.
+TRUTH a pose file (hloc, COLMAP, TUM, JSON) to compare with.
 """
 
 from __future__ import annotations
@@ -16,17 +16,15 @@ from collections import Counter
 import numpy as np
 
 import gscpe
-from gscpe.scene.pose_file import read_poses
-from gscpe.scene.query_list import read_query_list
 
 
 def main(map_folder: str, queries: str, images: str, truth: str | None = None) -> None:
-    true_poses = read_poses(truth) if truth else {}
+    true_poses = gscpe.read_pose_file(truth).poses if truth else {}
     starts: Counter[str] = Counter()
     seconds, errors = [], []
     result = None
-    with gscpe.Localizer(gscpe.open_map(map_folder)) as localizer:
-        for query in read_query_list(queries):
+    with gscpe.Localizer(map_folder) as localizer:
+        for query in gscpe.read_query_list(queries):
             image = gscpe.read_image(f"{images}/{query.name}")
             begin = time.perf_counter()
             result = localizer.localize(image, query.camera, prior=result)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.coarse.pnp import PnPSettings, cell_crowds, solve_observed
 from gscpe.coarse.ransac import sample_absolute_pose
 from gscpe.geometry import se3
@@ -57,6 +57,9 @@ class FocalEstimate:
     cam_from_world: Float64Array
     relative_sigma: float
     inliers: int
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def estimate_focal_length(

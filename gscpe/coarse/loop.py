@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
 from gscpe.errors import SettingsError
@@ -70,6 +70,9 @@ class CoarseResult:
     covariance: Float64Array | None
     rounds: int
     converged: bool
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 class CoarseObserver:

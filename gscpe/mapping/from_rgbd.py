@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
-from gscpe.errors import PhotoError, SettingsError
+from gscpe.errors import CameraError, PhotoError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import check_transform, inverse
@@ -27,6 +27,7 @@ from gscpe.render import Renderer, choose_backend
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import GaussianScene, Map, References, to_photo
 from gscpe.scene.gaussians import SH_C0
+from gscpe.scene.image_array import check_image
 
 _LAYERS = np.array([[0.0, 2.0], [3.0, 1.0]])
 """Depth of each 2x2 pixels' surfels, in layer spacings behind the surface: the nearest cover
@@ -77,6 +78,7 @@ def map_from_rgbd(
 ) -> Map:
     """A map whose only reference is this photo; arguments as :func:`scene_from_rgbd`."""
     settings = settings or RgbdMapSettings()
+    cam_from_world = check_transform(cam_from_world, "cam_from_world")
     return Map(
         scene=scene_from_rgbd(rgb, depth, camera, cam_from_world, settings),
         references=References((PurePath(name).name,), cam_from_world[None].copy(), (camera,)),
@@ -98,18 +100,22 @@ def scene_from_rgbd(
     apart and photos are not localized, from half a metre farther the pose is 1 to 2 cm off.
 
     Args:
-        rgb: (H, W, 3) uint8.
-        depth: (H, W) z-depth in map units; 0, NaN or infinite where unknown.
+        rgb: (H, W, 3) uint8 RGB, not OpenCV's BGR.
+        depth: (H, W) floats, z-depth in map units; 0, NaN or infinite where unknown.
         camera: pinhole camera of both.
         cam_from_world: (4, 4), where they were taken.
         settings: see :class:`RgbdMapSettings`.
 
     Raises:
-        PhotoError: shapes do not fit, or hardly a pixel has a usable depth.
+        PhotoError: shapes or types are wrong, or hardly a pixel has a usable depth.
         CameraError: the camera is of another image size.
         RenderError: OpenGL is missing (the colours are fitted by rendering).
     """
     settings = settings or RgbdMapSettings()
+    rgb = check_image(rgb)
+    depth = _checked_depth(depth)
+    if not isinstance(camera, Camera):
+        raise CameraError(f"the photo's camera must be a gscpe.Camera, not {camera!r}")
     camera.check_fits(rgb.shape, "the photo")
     camera.check_fits(depth.shape, "the depth image")
     if not camera.is_pinhole:
@@ -122,6 +128,18 @@ def scene_from_rgbd(
         raise PhotoError("the depth image has fewer than 100 usable pixels; is its unit right?")
     surfels = _surfels(rgb, known_depth, chosen, camera, inverse(cam_from_world), settings)
     return _fit_colours(surfels, rgb, chosen, camera, cam_from_world, settings)
+
+
+def _checked_depth(depth: Float32Array) -> Float32Array:
+    if not isinstance(depth, np.ndarray) or depth.ndim != 2:
+        found = f"shape {depth.shape}" if isinstance(depth, np.ndarray) else type(depth).__name__
+        raise PhotoError(f"a depth image must be an array of shape (height, width), not {found}")
+    if not np.issubdtype(depth.dtype, np.floating):
+        raise PhotoError(
+            f"a depth image must be of floats in map units, not {depth.dtype}; of millimetres, "
+            "make metres: depth.astype(np.float32) / 1000"
+        )
+    return depth
 
 
 def _away_from_edges(depth: Float64Array, max_step: float) -> BoolArray:

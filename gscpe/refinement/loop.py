@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
@@ -125,6 +125,9 @@ class RefinementResult:
     tolerance_unit: float
     converged: bool
     reason: str | None = None
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def refine_pose(

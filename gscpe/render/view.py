@@ -33,6 +33,14 @@ class RenderedView:
     camera: Camera
     cam_from_world: Float64Array
 
+    def __repr__(self) -> str:
+        seen = self.depth[self.depth > 0]
+        depth = f"{np.median(seen):.4g}" if len(seen) else "none"
+        return (
+            f"RenderedView({self.camera.width}x{self.camera.height}, "
+            f"opacity {self.opacity.mean():.2f} (mean), depth {depth} (median))"
+        )
+
     def metres_per_unit(self, known: float | None) -> float:
         """The map's unit where it is known; else such that the median depth becomes 2 m, the
         depth that tolerances in metres were made for; 1 where nothing is seen."""

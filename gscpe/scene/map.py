@@ -29,3 +29,11 @@ class Map:
             raise MapError(f"metres per unit must be positive, not {self.metres_per_unit}")
         if len(self.references) != len(self.descriptors.descriptors):
             raise MapError("a map needs one global descriptor for each reference photo")
+
+    def __repr__(self) -> str:
+        unit = self.metres_per_unit
+        length = "of unknown length" if unit is None else f"= {unit:g} m"
+        return (
+            f"Map({len(self.scene)} Gaussians, {len(self.references)} reference photos "
+            f"described by {self.descriptors.method}, 1 unit {length})"
+        )

@@ -8,9 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, UInt8Array
-from gscpe.errors import OutputError, PhotoError
+from gscpe.arrays import BoolArray, Float32Array, UInt8Array, short_repr
+from gscpe.errors import CameraError, OutputError, PhotoError
 from gscpe.geometry.camera import Camera
+from gscpe.scene.image_array import check_image
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +28,20 @@ class Photo:
     camera: Camera
     valid: BoolArray | None = None
 
+    def __repr__(self) -> str:
+        return short_repr(self)
+
 
 def read_image(path: str | Path) -> UInt8Array:
     """The pixels of an image file as (H, W, 3) uint8 RGB, as stored (EXIF rotation is ignored,
-    as in COLMAP, so that they fit the intrinsics).
+    as in COLMAP, so that they fit the intrinsics). OpenCV's ``imread`` gives BGR instead, which
+    gscpe would take for RGB.
 
     Raises:
-        PhotoError: the file is missing or is not an image.
+        PhotoError: the file is missing or is not an image, or what is given is not a path.
     """
+    if not isinstance(path, str | Path):
+        raise PhotoError(f"read_image needs the path of an image file, not a {type(path).__name__}")
     path = Path(path)
     try:
         data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
@@ -112,22 +119,18 @@ def to_photo(image: UInt8Array, camera: Camera) -> Photo:
     The undistorted photo keeps the size, the focal lengths and the principal point.
 
     Args:
-        image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey.
+        image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey. OpenCV reads BGR: turn it round,
+            ``image[:, :, ::-1]``.
         camera: the camera that took it.
 
     Raises:
         PhotoError: shape or dtype is wrong.
-        CameraError: the camera is of another image size.
+        CameraError: the camera is of another image size, or is no Camera.
     """
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
-        raise PhotoError(
-            "an image must be (height, width, 3) uint8 RGB, "
-            f"not {image.dtype} of shape {image.shape}"
-        )
+    image = check_image(image)
+    if not isinstance(camera, Camera):
+        raise CameraError(f"the photo's camera must be a gscpe.Camera, not {camera!r}")
     camera.check_fits(image.shape, "the photo")
-    if image.ndim == 2:
-        image = np.repeat(image[:, :, None], 3, axis=2)
     if camera.is_pinhole:
         return Photo(np.ascontiguousarray(image), camera)
     matrix = camera.opencv_matrix()

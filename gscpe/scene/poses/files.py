@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Mapping
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.errors import OutputError, PoseError
 from gscpe.geometry.camera import Camera
 from gscpe.scene.pose_file import format_pose, parse_poses, read_pose_text
@@ -35,6 +35,9 @@ class PoseFile:
     poses: dict[str, Float64Array]
     cameras: dict[str, Camera] = field(default_factory=dict)
     not_finite: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def read_pose_file(
