@@ -113,8 +113,8 @@ def test_maps(rng: np.random.Generator, tmp_path: Path) -> None:
         (scene, "gscpe.build_map"),
         (None, "not by None"),
         (3, "not by a int"),
-        (splat, "is a file"),
-        (str(splat), "is a file"),
+        (splat, "it is a file"),
+        (str(splat), "it is a file"),
         (tmp_path / "nothing", "build-map"),
         (tmp_path, "build-map"),
     ]
