@@ -102,8 +102,8 @@ def open_map(folder: str | Path) -> Map:
     folder = Path(folder)
     if folder.is_file():
         raise MapError(
-            f"{folder} is not a gscpe map: it is a file, and a map is a folder; gscpe build-map (in "
-            "Python: read_splat, build_map, save_map) makes one of a splat"
+            f"{folder} is not a gscpe map: it is a file, and a map is a folder; gscpe build-map "
+            "(in Python: read_splat, build_map, save_map) makes one of a splat"
         )
     manifest = _read_manifest(folder)
     files = manifest["files"]
