@@ -13,19 +13,19 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from gscpe.benchmark import BenchmarkSettings, benchmark_scene
-from gscpe.datasets import read_colmap
-from gscpe.evaluation.tables import write_tables
+import gscpe
 
 
 def main(
     splat: str, model_folder: str, image_folder: str, output: str, metres: str | None = None
 ) -> None:
     metres_per_unit = None if metres is None else float(metres)
-    dataset = read_colmap(model_folder, image_folder, every=8, metres_per_unit=metres_per_unit)
+    dataset = gscpe.read_colmap(
+        model_folder, image_folder, every=8, metres_per_unit=metres_per_unit
+    )
     print(f"{len(dataset.references)} references, {len(dataset.queries)} queries")
-    run = benchmark_scene(dataset, splat, output, BenchmarkSettings(resume=True), progress=True)
-    write_tables([run], output)
+    settings = gscpe.BenchmarkSettings(resume=True)
+    run = gscpe.benchmark_scene(dataset, splat, output, settings, progress=True)
     result = run.evaluate("final")
     print(f"{result.localized} of {result.queries} photos localized")
     if metres_per_unit is None:

@@ -4,7 +4,7 @@
 Usage: python examples/track_sequence.py MAP QUERIES IMAGES [TRUTH]
 
 QUERIES is a list of frames in order (name MODEL width height params...), IMAGES their folder,
-TRUTH a pose file (name qw qx qy qz tx ty tz) to compare with.
+TRUTH a pose file (hloc, COLMAP, TUM, JSON) to compare with.
 """
 
 from __future__ import annotations
@@ -16,18 +16,15 @@ from collections import Counter
 import numpy as np
 
 import gscpe
-from gscpe.scene.poses.hloc import read_poses
-from gscpe.scene.query_list import read_query_list
 
 
 def main(map_folder: str, queries: str, images: str, truth: str | None = None) -> None:
-    true_poses = read_poses(truth) if truth else {}
+    true_poses = gscpe.read_pose_file(truth).poses if truth else {}
     starts: Counter[str] = Counter()
     seconds, errors = [], []
     result = None
-    map_ = gscpe.open_map(map_folder)
-    with gscpe.Localizer(map_) as localizer:
-        for query in read_query_list(queries):
+    with gscpe.Localizer(map_folder) as localizer:
+        for query in gscpe.read_query_list(queries):
             image = gscpe.read_image(f"{images}/{query.name}")
             begin = time.perf_counter()
             result = localizer.localize(image, query.camera, prior=result)
@@ -45,7 +42,7 @@ def main(map_folder: str, queries: str, images: str, truth: str | None = None) -
             ("median", np.median(errors, axis=0)),
             ("worst", np.max(errors, axis=0)),
         ):
-            metres = map_.metres_per_unit
+            metres = localizer.map.metres_per_unit
             length = f"{distance:.4g} map units"
             if metres is not None:
                 length = f"{100.0 * metres * distance:.2f} cm"

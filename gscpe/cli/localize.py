@@ -12,6 +12,7 @@ from gscpe.batch import (
     ListFiles,
     check_outputs,
     localize_to_files,
+    read_priors,
     result_details,
 )
 from gscpe.cli.common import (
@@ -52,7 +53,8 @@ def add_parser(commands: Commands) -> None:
         nargs=2,
         type=float,
         metavar=("LENGTH", "DEGREES"),
-        help="standard deviations of the prior, map units and degrees "
+        help="standard deviations of the prior, or of all priors, map units and degrees; "
+        "where 180 degrees, it is a position alone "
         f"(default: {PosePrior.translation_sigma} {PosePrior.rotation_sigma_degrees})",
     )
     many = parser.add_argument_group("many photos")
@@ -74,6 +76,12 @@ def add_parser(commands: Commands) -> None:
         help="a line a query with all that is known (default: beside the output)",
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    many.add_argument(
+        "--priors",
+        metavar="POSES",
+        help="where the photos probably were taken: a file of poses, in any form that gscpe "
+        "evaluate reads; photos that it lacks begin without",
+    )
     add_workers(many)
     parser.add_argument(
         "--retrieval-model",
@@ -92,8 +100,11 @@ def run(options: argparse.Namespace) -> int:
         parser.error(
             "give either one photo, or many: --queries with --images, or --images with --camera"
         )
-    one = {"json", "prior", "prior_sigma"}
-    many = {"images", "output", "coarse_output", "details", "resume", "workers", "scheduler"}
+    one = {"json", "prior"}
+    many = {
+        *("images", "output", "coarse_output", "details"),
+        *("resume", "priors", "workers", "scheduler"),
+    }
     alien = sorted(name for name in (one if listed else many) if getattr(options, name))
     if alien:
         option = "--" + alien[0].replace("_", "-")
@@ -170,14 +181,16 @@ def _localize_queries(options: argparse.Namespace) -> int:
     if not output.name:
         raise OutputError(f"--output {output} is a folder; give a file for the poses")
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
-    inputs = [] if options.queries is None else [options.queries]
+    inputs = [given for given in (options.queries, options.priors) if given is not None]
     check_outputs([output, details_path, options.coarse_output], inputs)
+    priors = _priors(options, queries)
     instructions = Instructions.of(
         options.map,
         options.images,
         LocalizerSettings(retrieval_model=options.retrieval_model),
         options.matcher,
         options.backend,
+        priors,
     )
     coarse = None if options.coarse_output is None else Path(options.coarse_output)
     details, _ = localize_to_files(
@@ -190,6 +203,16 @@ def _localize_queries(options: argparse.Namespace) -> int:
         show_progress(),
     )
     return _summarize(details, output, details_path)
+
+
+def _priors(options: argparse.Namespace, queries: Sequence[Query]) -> dict[str, PosePrior]:
+    if options.priors is None:
+        if options.prior_sigma is not None:
+            options.parser.error("--prior-sigma needs --priors, where there are --queries")
+        return {}
+    priors = read_priors(options.priors, queries, *(options.prior_sigma or ()))
+    print(f"{len(priors)} of {len(queries)} photos have a prior", file=sys.stderr)
+    return priors
 
 
 def _summarize(details: Sequence[Mapping[str, Any]], output: Path, details_path: Path) -> int:

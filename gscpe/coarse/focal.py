@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.coarse.pnp import PnPSettings, cell_crowds, solve_observed
 from gscpe.coarse.ransac import sample_absolute_pose
 from gscpe.geometry import se3
@@ -60,6 +60,9 @@ class FocalEstimate:
     ratio: float
     relative_sigma: float
     inliers: int
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def estimate_focal_length(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.coarse.focal import FocalEstimate, check_focal_length
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
@@ -74,6 +74,9 @@ class CoarseResult:
     rounds: int
     converged: bool
     focal: FocalEstimate | None = None
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 class CoarseObserver:

@@ -7,7 +7,7 @@ from typing import Sequence
 
 from gscpe.evaluation import published
 from gscpe.evaluation.table import Table
-from gscpe.evaluation.text import number_text
+from gscpe.evaluation.text import number_text, significant_text
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def ablation_table(
                 f"{row.name} (published)" if theirs else row.name,
                 number_text(row.position, 2 if theirs else 3)
                 if metric
-                else length_text(row.position, None),
+                else significant_text(row.position, 4),
                 number_text(row.degrees, 3),
             )
             for row, theirs in named

@@ -9,6 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
+from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.border import attempt_in_world
@@ -97,6 +98,37 @@ class LocalizationResult:
         reason = cause if self.best is None else f"{self.reason}; {cause}"
         return replace(self, reason=reason)
 
+    def _for_people(self) -> dict[str, str]:
+        """What a reader wants to know first: headings and text."""
+        rows = {"status": "localized" if self.localized else "not localized"}
+        if self.reason is not None:
+            rows["reason"] = self.reason
+        if self.cam_from_world is not None:
+            rows["qw qx qy qz tx ty tz"] = _pose_text(self.cam_from_world)
+        if self.covariance is not None:
+            rows["standard deviations"] = _sigmas(self.covariance)
+        if self.best is not None:
+            rows["began at"] = f"{self.started_from} {self.reference or ''}".strip()
+            rows["attempts"] = str(len(self.attempts))
+        if "total" in self.seconds:
+            rows["seconds"] = f"{self.seconds['total']:.2f}"
+        return rows
+
+    def __repr__(self) -> str:
+        rows = self._for_people()
+        lines = (f"  {name}: {text}" for name, text in rows.items() if name != "status")
+        return "\n".join([f"LocalizationResult: {rows['status']}", *lines])
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from html import escape
+
+        rows = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>"
+            for name, text in self._for_people().items()
+        )
+        return f"<table>{rows}</table>"
+
     @property
     def coarse(self) -> CoarseResult | None:
         """Of the best attempt: result of the coarse stage, trusted or not; None for tracking."""
@@ -117,6 +149,21 @@ class LocalizationResult:
     def reference(self) -> str | None:
         """Name of the reference photo that the best attempt began with, if it did."""
         return None if self.best is None else self.best.start.reference
+
+
+def _sigmas(covariance: Float64Array) -> str:
+    """Standard deviations of the axes, as text."""
+    deviations = np.sqrt(np.diag(covariance))
+    lengths, degrees = deviations[:3], np.degrees(deviations[3:])
+    return (
+        f"{' '.join(f'{x:.2g}' for x in lengths)} map units, "
+        f"{' '.join(f'{x:.2g}' for x in degrees)} degrees (x y z of the camera)"
+    )
+
+
+def _pose_text(cam_from_world: Float64Array) -> str:
+    quaternion, translation = se3.to_quaternion_translation(cam_from_world)
+    return " ".join(f"{number:.6f}" for number in (*quaternion, *translation))
 
 
 def _final_pose(

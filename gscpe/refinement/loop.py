@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
@@ -128,6 +128,9 @@ class RefinementResult:
     converged: bool
     reason: str | None = None
     by_log_focal: Float64Array | None = None
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def refine_pose(

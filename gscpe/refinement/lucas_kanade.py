@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
+from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
@@ -83,6 +83,9 @@ class Alignment:
     motion_pixels: float
     iterations: int
     converged: bool
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.closing import Closing
-from gscpe.errors import RenderError
+from gscpe.errors import CameraError, RenderError, SplatError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
 from gscpe.render.cpu_rasterizer import CpuRasterizer
@@ -33,9 +33,15 @@ class Renderer(Closing):
         RenderError: OpenGL is missing, too old, or failed.
         MissingDependencyError: ``backend="cpu"`` without Numba.
         SettingsError: there is no such backend.
+        SplatError: the scene is something else.
     """
 
     def __init__(self, scene: GaussianScene, backend: str = "auto", progress: bool = False) -> None:
+        if not isinstance(scene, GaussianScene):
+            raise SplatError(
+                f"a Renderer needs a GaussianScene, not a {type(scene).__name__}; gscpe.read_splat "
+                "reads one, and the .scene of a map is one"
+            )
         chosen = choose_backend(backend)
         self._rasterizer: Rasterizer | None = (
             GlRasterizer(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
@@ -53,9 +59,12 @@ class Renderer(Closing):
         Raises:
             RenderError: the camera has distortion, the renderer is closed, or OpenGL failed.
             PoseError: the pose is not a rigid transform.
+            CameraError: the camera is no Camera.
         """
         if self._rasterizer is None:
             raise RenderError("this renderer is closed")
+        if not isinstance(camera, Camera):
+            raise CameraError(f"rendering needs a gscpe.Camera, not a {type(camera).__name__}")
         if not camera.is_pinhole:
             raise RenderError("rendering needs a pinhole camera; undistort the photo first")
         cam_from_world = check_transform(cam_from_world, "cam_from_world")

@@ -114,6 +114,14 @@ class GaussianScene:
             sh=self.sh[rows],
         )
 
+    def __repr__(self) -> str:
+        antialiased = ", antialiased" if self.antialiased else ""
+        low, high = (np.array2string(f(self.means, axis=0), precision=3) for f in (np.min, np.max))
+        return (
+            f"GaussianScene({len(self)} Gaussians, harmonics of degree {self.sh_degree}"
+            f"{antialiased}, from {low} to {high})"
+        )
+
     @property
     def sh_degree(self) -> int:
         """0, 1, 2 or 3."""

@@ -33,8 +33,10 @@ def read_image(path: str | Path, upright: bool = False) -> UInt8Array:
 
     Raises:
         PhotoError: the file is missing, is not an image, or holds values of an unknown range; or
-            it is HEIC, and pillow-heif is not installed.
+            it is HEIC, and pillow-heif is not installed; or what is given is not a path.
     """
+    if not isinstance(path, str | Path):
+        raise PhotoError(f"read_image needs the path of an image file, not a {type(path).__name__}")
     path = Path(path)
     try:
         data = path.read_bytes()

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, UInt8Array
-from gscpe.errors import PhotoError
+from gscpe.arrays import BoolArray, Float32Array, UInt8Array, short_repr
+from gscpe.errors import CameraError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.lens import image_of_directions
 from gscpe.geometry.projection import pixel_centres, unproject
-
-_CHANNELS: tuple[tuple[int, ...], ...] = ((), (3,), (4,))
+from gscpe.scene.image_array import check_image
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +29,9 @@ class Photo:
     rgb: UInt8Array
     camera: Camera
     valid: BoolArray | None = None
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
@@ -67,22 +69,18 @@ def to_photo(image: UInt8Array, camera: Camera) -> Photo:
 
     Args:
         image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey, or (H, W, 4) with an opacity: pixels that
-            are more than half transparent count as not seen.
+            are more than half transparent count as not seen. OpenCV reads BGR: turn it round,
+            ``image[:, :, ::-1]``.
         camera: the camera that took it.
 
     Raises:
         PhotoError: shape or dtype is wrong.
-        CameraError: the camera is of another image size.
+        CameraError: the camera is of another image size, or is no Camera.
     """
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in _CHANNELS:
-        raise PhotoError(
-            "an image must be (height, width, 3) uint8 RGB, "
-            f"not {image.dtype} of shape {image.shape}"
-        )
+    image = check_image(image, transparent=True)
+    if not isinstance(camera, Camera):
+        raise CameraError(f"the photo's camera must be a gscpe.Camera, not {camera!r}")
     camera.check_fits(image.shape, "the photo")
-    if image.ndim == 2:
-        image = np.repeat(image[:, :, None], 3, axis=2)
     seen = image[:, :, 3] >= 128 if image.shape[2] == 4 else None
     rgb = np.ascontiguousarray(image[:, :, :3])
     if camera.is_pinhole:

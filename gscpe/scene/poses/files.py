@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Mapping
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.errors import OutputError, PoseError
 from gscpe.geometry.camera import Camera
 from gscpe.scene.photo_name import quoted_name
@@ -36,6 +36,9 @@ class PoseFile:
     poses: dict[str, Float64Array]
     cameras: dict[str, Camera] = field(default_factory=dict)
     not_finite: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def read_pose_file(
