@@ -14,10 +14,10 @@ camera = gscpe.Camera.pinhole(image.shape[1], image.shape[0], fx=fx, fy=fy, cx=c
 with gscpe.Localizer(gscpe.open_map(map_folder)) as localizer:  # keep it for many photos
     result = localizer.localize(image, camera)
 
-if result.localized:
+if result.cam_from_world is None or result.covariance is None:
+    print("not localized:", result.reason)
+else:
     print("cam_from_world (4x4, world to camera):")
     print(result.cam_from_world)
     standard_deviations = result.covariance.diagonal() ** 0.5
     print("standard deviations (3 translation, 3 rotation in radians):", standard_deviations)
-else:
-    print("not localized:", result.reason)

@@ -21,5 +21,8 @@ gscpe.save_map(map_, "motorcycle.gsmap")
 
 with gscpe.Localizer(map_) as localizer:
     result = localizer.localize(pair.right, pair.right_camera)
-error = gscpe.pose_difference(result.cam_from_world, pair.right_from_left)
-print(f"{1000 * error.distance:.2f} mm and {error.degrees:.4f} degrees from the true pose")
+if result.cam_from_world is None:
+    print("not localized:", result.reason)
+else:
+    error = gscpe.pose_difference(result.cam_from_world, pair.right_from_left)
+    print(f"{1000 * error.distance:.2f} mm and {error.degrees:.4f} degrees from the true pose")

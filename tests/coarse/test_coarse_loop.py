@@ -94,7 +94,7 @@ def test_units_do_not_matter(scale: float, unit: float | None) -> None:
 def test_a_wrong_unit_would_be_noticed() -> None:
     """A tolerance of 2 cm is met at once where a unit is taken for a tenth of a millimetre."""
     start = se3.exp([0.05, 0, 0, 0, 0, 0]) @ ROOM_POSE
-    loose = {"rotation_tolerance_degrees": 0.5}
+    loose: dict[str, Any] = {"rotation_tolerance_degrees": 0.5}
     assert estimate(start, **loose).rounds == 2
     assert estimate(start, unit=1e-4, **loose).rounds == 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -215,6 +216,6 @@ def test_least_squares_from_nearby(rng: np.random.Generator) -> None:
         {"confidence": 0.0},
     ],
 )
-def test_impossible_settings(change: dict[str, float]) -> None:
+def test_impossible_settings(change: dict[str, Any]) -> None:
     with pytest.raises(SettingsError):
         replace(SETTINGS, **change)

@@ -35,8 +35,9 @@ def test_bright_is_not_clipped_and_jpeg_hides_no_clipping() -> None:
     makes of clipped pixels, 254 here and there, is still clipped."""
     assert not is_clipped(np.full((60, 80, 3), 253, np.uint8), CLIPPING)
     _, stored = cv2.imencode(".jpg", taken(2.0)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
-    opened = np.asarray(cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1], np.uint8)
-    assert is_clipped(opened, CLIPPING)
+    opened = cv2.imdecode(stored, cv2.IMREAD_COLOR)
+    assert opened is not None
+    assert is_clipped(np.asarray(opened[..., ::-1], np.uint8), CLIPPING)
 
 
 def test_a_bright_picture_keeps_its_exposure() -> None:
@@ -79,7 +80,7 @@ def test_a_clipped_photo_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def refine() -> RefinementResult:
         renderer = RayCastRenderer(room())
-        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings(), 1.0)  # type: ignore[arg-type]
+        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings(), 1.0)
 
     result = refine()
     assert result.cam_from_world is not None

@@ -41,7 +41,7 @@ def photo_from(step: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def solve(
-    photo: NDArray[np.float32], camera: Camera = CAMERA, anchor: NDArray[np.float32] | None = None
+    photo: NDArray[np.floating], camera: Camera = CAMERA, anchor: NDArray[np.float32] | None = None
 ) -> Alignment | None:
     """Aligns the anchor to a photo through a pyramid of three levels."""
     image = grey(ANCHOR) if anchor is None else anchor
@@ -114,7 +114,7 @@ def test_a_fifth_of_the_photo_covered(cover: str, rng: np.random.Generator) -> N
         photo = photo_from(step)
         patch = (slice(60, 60 + 80), slice(50, 50 + 108))
         assert photo[patch].size == photo.size // 5
-        covers = {
+        covers: dict[str, NDArray[np.floating]] = {
             "noise": rng.uniform(0, 1, photo.shape),
             "black": np.zeros(photo.shape),
             "another place": grey(room(9).shoot(CAMERA, ROOM_POSE)),
@@ -131,8 +131,9 @@ def test_half_a_pixel_matters() -> None:
     for step in some_steps(3):
         photo = photo_from(step)
         right = error_of(solve(photo), step)
-        for change in ({"cx": CAMERA.cx + 0.5}, {"cy": CAMERA.cy - 0.5}):
-            wrong = error_of(solve(photo, replace(CAMERA, **change)), step)
+        cameras = replace(CAMERA, cx=CAMERA.cx + 0.5), replace(CAMERA, cy=CAMERA.cy - 0.5)
+        for camera in cameras:
+            wrong = error_of(solve(photo, camera), step)
             assert wrong.distance > 0.5e-3
             assert wrong.degrees > max(0.04, 10 * right.degrees)
 

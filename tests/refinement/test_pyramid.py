@@ -126,6 +126,8 @@ def test_luminance_of_bytes_and_floats(rng: np.random.Generator) -> None:
     expected = (0.299 * pixels[..., 0] + 0.587 * pixels[..., 1] + 0.114 * pixels[..., 2]) / 255
     assert luminance(pixels).dtype == np.float32
     np.testing.assert_allclose(luminance(pixels), expected, atol=1e-6)
-    np.testing.assert_allclose(luminance(pixels.astype(np.float32) / 255), expected, atol=1e-6)
+    np.testing.assert_allclose(
+        luminance(pixels.astype(np.float32) / np.float32(255)), expected, atol=1e-6
+    )
     white = np.full((1, 1, 3), 255, np.uint8)
     np.testing.assert_allclose(luminance(white), 1.0, atol=1e-6)

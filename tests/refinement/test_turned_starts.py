@@ -46,7 +46,7 @@ def test_whole_refinement_from_far_off() -> None:
     errors = []
     for degrees in (5.0, 0.0):
         settings = RefinementSettings(levels=4, turned_degrees=degrees)
-        result = refine_pose(RayCastRenderer(room()), photo, start, settings, 1.0)  # type: ignore[arg-type]
+        result = refine_pose(RayCastRenderer(room()), photo, start, settings, 1.0)
         found = result.cam_from_world
         errors.append(np.inf if found is None else pose_difference(found, ROOM_POSE).distance)
     assert errors[0] < 1e-3

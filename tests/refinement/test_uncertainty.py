@@ -206,7 +206,7 @@ def test_a_part_of_the_picture_is_worth_less(rng: np.random.Generator) -> None:
 def test_every_solver(change: dict[str, bool], rng: np.random.Generator) -> None:
     photo = GREY + 0.02 * rng.normal(size=GREY.shape)
     _, usual = solve(photo)
-    _, other = solve(photo, solver=replace(SOLVER, **change))  # type: ignore[arg-type]
+    _, other = solve(photo, solver=replace(SOLVER, **change))
     ratio = np.diag(other) / np.diag(usual)
     assert ratio.min() > 0.2
     assert ratio.max() < 5.0

@@ -38,11 +38,10 @@ def folder(tmp_path: Path, map_: Map) -> Path:
 def scaled(map_: Map, factor: float) -> Map:
     """The map with other lengths; poses stay, since nothing here looks at them."""
     scene = map_.scene
-    lengths = {
-        name: np.asarray(getattr(scene, name) * factor, dtype=np.float32)
-        for name in ("means", "scales")
-    }
-    return replace(map_, scene=replace(scene, **lengths))
+    means, scales = (
+        np.asarray(lengths * factor, dtype=np.float32) for lengths in (scene.means, scene.scales)
+    )
+    return replace(map_, scene=replace(scene, means=means, scales=scales))
 
 
 def assert_almost_same(opened: Map, map_: Map) -> None:

@@ -207,7 +207,8 @@ def test_what_a_form_cannot_hold(poses: Poses, tmp_path: Path) -> None:
     path, pose = tmp_path / "poses", np.eye(4)
     write_pose_file(path, {"my photo.png": pose}, "json")
     assert list(read_pose_file(path).poses) == ["my photo.png"]
-    for kind in ("hloc", "pgt", "colmap", "tum"):
+    kinds: tuple[PoseFormat, ...] = ("hloc", "pgt", "colmap", "tum")
+    for kind in kinds:
         with pytest.raises(PoseError, match="blanks in its name"):
             write_pose_file(path, {"my photo.png": pose}, kind)
     with pytest.raises(PoseError, match=r"needs the focal length of a\.png"):
@@ -215,7 +216,7 @@ def test_what_a_form_cannot_hold(poses: Poses, tmp_path: Path) -> None:
     wide = Camera.pinhole(64, 48, fx=50, fy=60, cx=32, cy=24)
     with pytest.raises(PoseError, match="50 and 60"):
         write_pose_file(path, {"a.png": pose}, "pgt", {"a.png": wide})
-    for kind in ("colmap", "tum"):
+    for kind in kinds[2:]:
         with pytest.raises(PoseError, match=r"a\.png has a pose, but"):
             write_pose_file(path, {"a.png": pose}, kind, {"b.png": wide})
     with pytest.raises(OutputError, match="cannot be written"):
