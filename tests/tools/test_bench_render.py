@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 import pytest
 from helpers import random_scene
 
-TOOLS = Path(__file__).resolve().parents[2] / "tools"
-
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Any:
-    if not TOOLS.is_dir():
-        pytest.skip("there are no tools beside the tests")
-    monkeypatch.syspath_prepend(str(TOOLS))
-    return importlib.import_module("bench_render")
+def bench(tool: Callable[[str], Any]) -> Any:
+    return tool("bench_render")
 
 
 @pytest.mark.parametrize("count", [50, 100, 730])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,17 +18,7 @@ from gscpe.refinement import RefinementSettings, refine_pose
 from gscpe.render import RenderedView
 from gscpe.scene import Photo
 
-TOOLS = Path(__file__).resolve().parents[2] / "tools"
 Tool = Callable[[str], Any]
-
-
-@pytest.fixture
-def tool(monkeypatch: pytest.MonkeyPatch) -> Tool:
-    """Imports a tool by name."""
-    if not TOOLS.is_dir():
-        pytest.skip("there are no tools beside the tests")
-    monkeypatch.syspath_prepend(str(TOOLS))
-    return importlib.import_module
 
 
 @pytest.fixture

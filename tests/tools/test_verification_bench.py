@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 import pytest
@@ -15,19 +14,14 @@ from gscpe import Localizer, LocalizerSettings
 from gscpe.geometry import se3
 from gscpe.localization import VerificationSettings
 
-TOOLS = Path(__file__).resolve().parents[2] / "tools"
-
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Any:
-    if not TOOLS.is_dir():
-        pytest.skip("there are no tools beside the tests")
-    monkeypatch.syspath_prepend(str(TOOLS))
-    return importlib.import_module("bench_verification")
+def bench(tool: Callable[[str], Any]) -> Any:
+    return tool("bench_verification")
 
 
 def test_evidence_of_photos_right_and_wrong(
-    bench: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bench: Any, tool: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A photo of the room passes all thresholds; one of another room is measured too, and
     does not; a prior beside the truth leads to it."""
@@ -46,7 +40,7 @@ def test_evidence_of_photos_right_and_wrong(
     lines = bench.read_evidence(path)
     assert list(lines) == [(sample.kind, sample.name) for sample in samples]
     (right,), (wrong,), (tracked,) = (line["attempts"] for line in lines.values())
-    report = importlib.import_module("verification_report")
+    report = tool("verification_report")
     thresholds = VerificationSettings()
     assert all(criterion.accepts(right, thresholds) for criterion in report.CRITERIA)
     assert not all(criterion.accepts(wrong, thresholds) for criterion in report.CRITERIA)
@@ -59,8 +53,8 @@ def test_evidence_of_photos_right_and_wrong(
     assert "| scikit-image | 1 | 0 | 0 |" in printed
 
 
-def test_what_is_better_scores_higher(bench: Any) -> None:
-    report = importlib.import_module("verification_report")
+def test_what_is_better_scores_higher(tool: Callable[[str], Any]) -> None:
+    report = tool("verification_report")
     by_name = {criterion.evidence: criterion for criterion in report.CRITERIA}
     attempts = json.loads('[{"inliers": 5, "shift": 0.5}, {"inliers": 90, "shift": 0.01}, {}]')
     for name in ("inliers", "shift"):
