@@ -99,8 +99,8 @@ def test_thinning_is_even_and_repeatable() -> None:
     kept = template_of(anchor(waves(u, v)), max_template_pixels=800)
     assert len(kept.intensities) == pytest.approx(800, rel=0.05)
     pixels = project(CAMERA, kept.points.T.astype(np.float64))
-    u, v = pixels.T
-    counts, _, _ = np.histogram2d(u, v, bins=(4, 3), range=((1, 79), (1, 59)))
+    across, down = pixels.T
+    counts, _, _ = np.histogram2d(across, down, bins=(4, 3), range=((1, 79), (1, 59)))
     assert counts.min() > 0.6 * 800 / 12
     again = template_of(anchor(waves(u, v)), max_template_pixels=800)
     np.testing.assert_array_equal(again.points, kept.points)
