@@ -47,7 +47,7 @@ class Criterion:
 
     def text(self, score: float) -> str:
         sign = 1.0 if self.more_is_better else -1.0
-        return f"{sign * score:.3g}" if np.isfinite(score) else "none"
+        return f"{sign * score:.4g}" if np.isfinite(score) else "none"
 
 
 CRITERIA = (
