@@ -19,5 +19,3 @@ if result.cam_from_world is not None and result.covariance is not None:
     print(result.cam_from_world)
     standard_deviations = result.covariance.diagonal() ** 0.5
     print("standard deviations (3 translation, 3 rotation in radians):", standard_deviations)
-else:
-    print("not localized:", result.reason)

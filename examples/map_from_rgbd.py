@@ -10,7 +10,7 @@ import skimage.data
 import gscpe
 
 # Two (H, W, 3) uint8 RGB photos, and how many pixels each pixel of the left one moves, (H, W).
-left, right, disparity = skimage.data.stereo_motorcycle()  # type: ignore[no-untyped-call]
+left, right, disparity = skimage.data.stereo_motorcycle()
 height, width = left.shape[:2]
 focal, baseline = 994.978, 0.193001  # pixels, metres; from Middlebury's calib.txt, as those below
 left_cx, right_cx, cy = 311.193 + 0.5, 342.279 + 0.5, 254.877 + 0.5  # + 0.5: theirs are OpenCV's

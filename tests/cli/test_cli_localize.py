@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Sequence
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.cli.main import main
 from gscpe.geometry import Camera, pose_difference, se3
+from gscpe.localization import Observer
 from gscpe.scene import save_map, write_image
 from gscpe.scene.orientation import inverse_orientation, swaps_sides, turned_image
 from gscpe.scene.poses.hloc import format_pose, parse_pose, read_poses
@@ -225,11 +227,13 @@ class Interrupting(Localizer):
         image: NDArray[np.uint8],
         camera: Camera,
         prior: PosePrior | LocalizationResult | None = None,
+        references: Sequence[str] | None = None,
+        observer: Observer | None = None,
     ) -> LocalizationResult:
         if Interrupting.photos == 2:
             raise KeyboardInterrupt
         Interrupting.photos += 1
-        return super().localize(image, camera, prior)
+        return super().localize(image, camera, prior, references, observer)
 
 
 def test_going_on_after_an_interruption(

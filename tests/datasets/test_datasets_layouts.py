@@ -324,9 +324,10 @@ def test_colmap_with_a_query_list(model: Path) -> None:
         "night/a.png PINHOLE 64 48 50 50 32 24\nlost.png PINHOLE 64 48 50 50 32 24\n"
     )
     (model / "truth.txt").write_text(f"night/a.png {format_pose(true)}\n")
-    lists = {"queries": model / "queries.txt", "truth": model / "truth.txt"}
-    folder = model / "queries"
-    dataset = read_colmap(model / "sparse", model / "images", **lists, query_folder=folder)
+    queries, truths, folder = model / "queries.txt", model / "truth.txt", model / "queries"
+    dataset = read_colmap(
+        model / "sparse", model / "images", queries=queries, truth=truths, query_folder=folder
+    )
     assert dataset.image_folder == model / "images"
     assert dataset.query_folder == folder
     assert query_names(dataset) == ["night/a.png"]  # as in the lists
@@ -336,7 +337,7 @@ def test_colmap_with_a_query_list(model: Path) -> None:
     truth = dataset.truths["colmap"]["night/a.png"]
     np.testing.assert_allclose(truth, true, atol=1e-8)
     with pytest.raises(SettingsError, match="belong together"):
-        read_colmap(model / "sparse", model / "images", queries=lists["queries"])
+        read_colmap(model / "sparse", model / "images", queries=queries)
     with pytest.raises(SettingsError, match="not several"):
         read_colmap(model / "sparse", model / "images", every=3, test_list=model / "truth.txt")
 
@@ -353,9 +354,12 @@ def test_queries_of_half_the_size(model: Path) -> None:
     folders.write_photo(model / "queries/my night.png", (32, 24))
     (model / "queries.txt").write_text("my night.png PINHOLE 64 48 50 50 32 24\n")
     (model / "truth.txt").write_text("my night.png 1 0 0 0 0 0 1\n")
-    lists = {"queries": model / "queries.txt", "truth": model / "truth.txt"}
     dataset = read_colmap(
-        model / "sparse", model / "images", **lists, query_folder=model / "queries"
+        model / "sparse",
+        model / "images",
+        queries=model / "queries.txt",
+        truth=model / "truth.txt",
+        query_folder=model / "queries",
     )
     (query,) = dataset.queries
     assert query == Query("my night.png", Camera.pinhole(32, 24, fx=25, fy=25, cx=16, cy=12))
@@ -369,9 +373,8 @@ def test_transforms_split_lists(tmp_path: Path) -> None:
     names = sorted(folders.write_transforms(tmp_path))
     assert query_names(read_transforms(tmp_path)) == names[::8]
     assert query_names(read_transforms(tmp_path / "transforms.json", every=3)) == names[::3]
-    lists = {"train_filenames": names[:5], "test_filenames": names[6:]}
-    lists = {key: [f"./{name}" for name in value] for key, value in lists.items()}
-    folders.write_transforms(tmp_path, **lists)
+    train, test = ([f"./{name}" for name in listed] for listed in (names[:5], names[6:]))
+    folders.write_transforms(tmp_path, train_filenames=train, test_filenames=test)
     dataset = read_transforms(tmp_path)
     assert query_names(dataset) == names[6:]
     assert list(dataset.references.names) == names[:5]

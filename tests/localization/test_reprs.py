@@ -23,6 +23,7 @@ from gscpe import (
 from gscpe.arrays import short_repr
 from gscpe.geometry import se3
 from gscpe.localization import Attempt
+from gscpe.scene import MapFrame
 
 CAMERA = room_camera(240, 180)
 TRUTH = np.asarray(se3.exp([0.06, -0.03, 0.05, 0.02, -0.03, 0.01]) @ ROOM_POSE)
@@ -74,7 +75,7 @@ def test_all_that_holds_arrays_prints_a_few_lines(
         assert repr(each).count("\n") < 8
     assert "500 Gaussians" in repr(map_) and "60 reference photos" in repr(map_)
     assert "1 unit = 1 m" in repr(map_)
-    assert "of unknown length" in repr(replace(map_, metres_per_unit=None))
+    assert "of unknown length" in repr(replace(map_, frame=MapFrame(metres_per_unit=None)))
     assert "depth none" in repr(view)
     assert "inlier_pixels=<float64 " in repr(result.coarse)
 
@@ -93,7 +94,7 @@ def test_a_refused_photo_says_why_and_is_escaped() -> None:
     start = Start("reference", np.eye(4), "<b>&.jpg")
     attempt = Attempt(start, None, None, "only 3 < 20 matches & <script>")
     refused = LocalizationResult(
-        False, attempt.doubt, None, None, attempt, (attempt,), {"total": 0.5}
+        False, attempt.doubt, None, None, CAMERA, attempt, (attempt,), {"total": 0.5}
     )
     assert "not localized" in repr(refused) and "3 < 20" in repr(refused)
     page = refused._repr_html_()

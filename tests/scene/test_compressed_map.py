@@ -8,6 +8,7 @@ import json
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from gscpe.errors import MapError, MissingDependencyError, OutputError
 from gscpe.scene import GaussianScene, Map, MapFrame, compression, open_map, save_map
 from gscpe.scene.compression import outliers
 from gscpe.scene.map_folder import check_map_output
+from gscpe.scene.spz import encode_spz
 
 pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
 
@@ -39,11 +41,10 @@ def folder(tmp_path: Path, map_: Map) -> Path:
 def scaled(map_: Map, factor: float) -> Map:
     """The map with other lengths; poses stay, since nothing here looks at them."""
     scene = map_.scene
-    lengths = {
-        name: np.asarray(getattr(scene, name) * factor, dtype=np.float32)
-        for name in ("means", "scales")
-    }
-    return replace(map_, scene=replace(scene, **lengths))
+    means, scales = (
+        np.asarray(lengths * factor, dtype=np.float32) for lengths in (scene.means, scene.scales)
+    )
+    return replace(map_, scene=replace(scene, means=means, scales=scales))
 
 
 def assert_almost_same(opened: Map, map_: Map) -> None:
@@ -112,7 +113,7 @@ def with_values(map_: Map, rows: object, **values: object) -> Map:
     return replace(map_, scene=replace(scene, **changed))
 
 
-OUTLIERS = {
+OUTLIERS: dict[str, tuple[dict[str, Any], str]] = {
     "far": ({"means": (1e6, 0.0, -3e5)}, "1 far away"),
     "very far": ({"means": (0.0, 9e14, 0.0)}, "1 far away"),
     "huge": ({"scales": (1e14, 1e5, 1e6)}, "1 huge"),
@@ -156,11 +157,12 @@ def test_scenes_that_cannot_be_compressed(
 ) -> None:
     """Many far or huge Gaussians are no outliers: the map is refused rather than spoilt."""
     map_ = replace(map_, scene=random_scene(rng, 200, 0))
-    for values, says in (
+    cases: tuple[tuple[dict[str, Any], str], ...] = (
         ({"scales": 1e14}, "do not fit|smaller than|of another size"),
         ({"means": rng.uniform(-1e9, 1e9, (100, 3))}, "moved by more than half their size"),
         ({"sh": 50.0}, "of another colour"),
-    ):
+    )
+    for values, says in cases:
         with pytest.raises(OutputError, match=f"({says}).*save it plain"):
             save_map(with_values(map_, slice(0, 100), **values), tmp_path / "a", compress=True)
         assert list(tmp_path.iterdir()) == []
@@ -170,7 +172,7 @@ def test_what_was_written_is_read_back(
     map_: Map, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A converter that spoils the splat does not go unnoticed."""
-    encode = compression.encode_spz
+    encode = encode_spz
 
     def spoilt(scene: GaussianScene, exponent: int) -> bytes:
         return encode(replace(scene, means=scene.means[:, ::-1].copy()), exponent)

@@ -137,7 +137,7 @@ def heic(path: Path, picture: NDArray[np.uint8], **tags: Any) -> Path:
 @pytest.mark.parametrize("name", ["a.heic", "a.jpg"])
 def test_heic_by_its_first_bytes(name: str, tmp_path: Path, rng: np.random.Generator) -> None:
     smooth = cv2.resize(rng.integers(0, 256, (4, 5, 3), dtype=np.uint8), (64, 48))
-    path = heic(tmp_path / name, smooth, mm35=26)
+    path = heic(tmp_path / name, np.asarray(smooth, dtype=np.uint8), mm35=26)
     image = read_image(path)
     assert image.shape == (48, 64, 3)
     assert np.abs(image.astype(float) - smooth).mean() < 3.0

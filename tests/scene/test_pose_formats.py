@@ -269,7 +269,8 @@ def test_what_a_form_cannot_hold(poses: Poses, tmp_path: Path) -> None:
     assert list(read_pose_file(path).poses) == ["my photo.png"]
     with pytest.raises(PoseError, match=r"blanks in its name.*give a folder"):
         write_pose_file(path, {"my photo.png": pose}, "colmap")
-    for kind in ("hloc", "pgt"):
+    lines: tuple[PoseFormat, ...] = ("hloc", "pgt")
+    for kind in lines:
         with pytest.raises(OutputError, match="cannot be in a text file"):
             write_pose_file(path, {"a\nb.png": pose}, kind, {"a\nb.png": simple_camera()})
     with pytest.raises(PoseError, match=r"needs the focal length of a\.png"):
@@ -277,7 +278,8 @@ def test_what_a_form_cannot_hold(poses: Poses, tmp_path: Path) -> None:
     wide = Camera.pinhole(64, 48, fx=50, fy=60, cx=32, cy=24)
     with pytest.raises(PoseError, match="50 and 60"):
         write_pose_file(path, {"a.png": pose}, "pgt", {"a.png": wide})
-    for kind in ("colmap", "tum"):
+    others: tuple[PoseFormat, ...] = ("colmap", "tum")
+    for kind in others:
         with pytest.raises(PoseError, match=r"a\.png has a pose, but"):
             write_pose_file(path, {"a.png": pose}, kind, {"b.png": wide})
     with pytest.raises(OutputError, match="cannot be written"):

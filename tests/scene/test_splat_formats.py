@@ -44,7 +44,7 @@ def encoded(scene: GaussianScene, kind: str, folder: Path) -> bytes:
 
 def base_colour(scene: GaussianScene) -> NDArray[np.float32]:
     """Without harmonics, in [0, 1]: more is more than some formats can hold."""
-    return np.clip(0.5 + SH_C0 * scene.sh[:, 0], 0.0, 1.0)
+    return np.asarray(np.clip(0.5 + SH_C0 * scene.sh[:, 0], 0.0, 1.0), dtype=np.float32)
 
 
 def write(folder: Path, kind: str, data: bytes) -> Path:
