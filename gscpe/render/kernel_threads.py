@@ -45,7 +45,7 @@ class KernelThreads:
         """While kernels run for the first time, and so are compiled: one after the other, told
         of each, and Ctrl-C held back."""
         self._after_kernel = after_kernel
-        with _interrupts_later():
+        with interrupts_later():
             yield
         self._after_kernel = None
 
@@ -63,16 +63,19 @@ def in_parts(count: int, size: int) -> list[tuple[int, int]]:
 
 
 @contextmanager
-def _interrupts_later() -> Iterator[None]:
-    """Holds Ctrl-C back: an exception inside a callback of the compiler is lost, or ends as a
-    SystemError. Signals reach only the main thread, and only there can they be handled."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def interrupts_later() -> Iterator[list[int]]:
+    """Holds Ctrl-C back until the end, and lists what was held back.
+
+    An exception inside a callback of the compiler is lost, or ends as a SystemError; and one
+    between two loops would leave work half done. Signals reach only the main thread, and only
+    there can they be handled."""
     received: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield received
+        return
     before = signal.signal(signal.SIGINT, lambda number, _: received.append(number))
     try:
-        yield
+        yield received
     finally:
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
         if received:

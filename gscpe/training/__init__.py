@@ -1,0 +1,1 @@
+"""Training of Gaussian splats from photos with known poses, on the CPU. Needs Numba."""
