@@ -40,7 +40,7 @@ _LOGIT_BOUND, _LOG_SCALE_BOUND = _F(12.0), _F(30.0)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def update_gaussians(
+def update_gaussians(  # noqa: PLR0915 - all that is to be done for a Gaussian, once read
     begin, end, keys, gradients, rates, harmonics_rate, opacity_pull, scale_pull, half_side,
     corrections, means, log_scales, scales, quaternions, logits, opacities, sh, first, second,
     steps, screen_gradients, times_seen,

@@ -13,17 +13,14 @@ from gscpe.render.cpu_projection import (
     DEPTH,
     FAST,
     LOW_PASS,
-    OPACITY,
     RED,
     A,
     B,
     C,
-    U,
-    V,
     image_slope,
     rotation_of,
 )
-from gscpe.training.backward_compositing import H, H_X, H_XX, H_XY, H_Y, H_YY, W_RED
+from gscpe.training.backward_compositing import H_X, H_XX, H_XY, H_Y, H_YY, W_RED, H
 from gscpe.training.harmonics import slope_of_sum
 
 GRADIENT = 19

@@ -119,9 +119,7 @@ def read_checkpoint(path: Path, mark: str, settings: TrainingSettings) -> Traini
         TrainingError: there is none, it is damaged, or it is of other photos, points or settings.
     """
     if not path.is_file():
-        raise TrainingError(
-            f"there is no checkpoint {path} to resume from; begin without --resume"
-        )
+        raise TrainingError(f"there is no checkpoint {path} to resume from; begin without --resume")
     try:
         with np.load(path, allow_pickle=False) as stored:
             header = json.loads(str(stored["header"]))

@@ -20,9 +20,7 @@ def is_kept(parameters: Parameters, extent: float, settings: TrainingSettings) -
     return np.asarray(bright & small)
 
 
-def to_split(
-    scores: Float32Array, round_: int, settings: TrainingSettings
-) -> IntArray:
+def to_split(scores: Float32Array, round_: int, settings: TrainingSettings) -> IntArray:
     """Which Gaussians to split in a round, ascending.
 
     The number grows geometrically to the budget in the last round, within the bounds set; those
@@ -81,4 +79,3 @@ def _axes(quaternions: Float32Array) -> Float32Array:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.asarray(np.moveaxis(np.array(rows), 2, 0), dtype=np.float32)
-

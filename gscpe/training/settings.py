@@ -60,7 +60,7 @@ class TrainingSettings:
     colour_rate: float = 2.5e-3
     harmonics_rate: float = 0.05
     exposure_rate: float = 0.01
-    opacity_weight: float = 0.01
+    opacity_weight: float = 0.001
     scale_weight: float = 0.01
     densify_from: float = 0.08
     densify_until: float = 0.5
@@ -71,7 +71,7 @@ class TrainingSettings:
     prune_opacity: float = 0.02
     prune_scale: float = 0.3
     prune_until: float = 0.9
-    first_opacity: float = 0.3
+    first_opacity: float = 0.5
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -72,7 +72,7 @@ def splat(
     u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     rgb, transmittance = np.zeros((camera.height, camera.width, 3)), np.ones(u.shape)
     low = np.array([-camera.cx / camera.fx, -camera.cy / camera.fy])
-    high = low + [camera.width / camera.fx, camera.height / camera.fy]
+    high = low + np.array([camera.width / camera.fx, camera.height / camera.fy])
     margin = 0.15 * (high - low)
     for n, g in enumerate(taken.order):
         x, y, z = in_cam[g]
