@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from gscpe.training.points import read_colmap_points
 from gscpe.training.progress import Listener
 from gscpe.training.settings import TrainingSettings
 from gscpe.training.train import LEAST_PHOTOS, train
+from gscpe.training.triangulation import triangulated_points
+
+_log = logging.getLogger(__name__)
 
 _MOST_EVALUATED = 50
 
@@ -55,7 +59,8 @@ def train_from_colmap(
 ) -> TrainedSplat:
     """Trains a splat on the registered photos of a COLMAP model and writes it.
 
-    A checkpoint lies beside ``output`` until the splat is written.
+    Where the model has no points, they are triangulated. A checkpoint lies beside ``output`` until
+    the splat is written.
 
     Args:
         model_folder: with cameras, images and points.
@@ -69,7 +74,8 @@ def train_from_colmap(
         progress: is told of every iteration.
 
     Raises:
-        ColmapModelError: the model cannot be read, is of other photos, or has no points.
+        ColmapModelError: the model cannot be read, is of other photos, or has no points
+            and none can be triangulated.
         PhotoError, CameraError: a photo cannot be read, or is of another size than in the model.
         TrainingError: too few photos; the checkpoint does not fit.
         SettingsError: max_size or test_every is out of its range.
@@ -88,7 +94,6 @@ def train_from_colmap(
             f"{checkpoint} is of a training that was interrupted: go on with --resume, or delete it"
         )
     references = read_colmap_references(model_folder, image_folder)
-    points = read_colmap_points(model_folder)
     test = [i for i in range(len(references)) if test_every and i % test_every == 0]
     learn = [i for i in range(len(references)) if not test_every or i % test_every]
     if len(learn) < LEAST_PHOTOS:
@@ -96,6 +101,10 @@ def train_from_colmap(
             f"{model_folder} has {len(references)} photos with a pose, of which {len(learn)} can "
             f"be trained on; at least {LEAST_PHOTOS} are needed"
         )
+    points = read_colmap_points(model_folder)
+    if points is None:
+        _log.warning("%s has hardly any points: triangulating some", model_folder)
+        points = triangulated_points(model_folder, image_folder)
     photos = [_photo(references, i, Path(image_folder), max_size) for i in learn]
     poses = references.cam_from_world
     scene = train(photos, poses[learn], points, settings, progress, checkpoint, resume)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,20 +41,20 @@ class PointCloud:
             raise ColmapModelError("points need (M, 3) positions and as many colours")
         if len(self.positions) < LEAST_POINTS:
             raise ColmapModelError(
-                f"{len(self.positions)} points are too few to begin a training with; triangulate "
-                f"at least {LEAST_POINTS} (pycolmap.triangulate_points, or colmap "
-                "point_triangulator, at the known poses)"
+                f"{len(self.positions)} points are too few to begin a training with; at least "
+                f"{LEAST_POINTS} are needed"
             )
         if not np.all(np.isfinite(self.positions)):
             raise ColmapModelError("some points are NaN or infinite; remove them from the model")
 
 
-def read_colmap_points(model_folder: str | Path) -> PointCloud:
-    """The points of a COLMAP model, in the order of their numbers.
+def read_colmap_points(model_folder: str | Path) -> PointCloud | None:
+    """The points of a COLMAP model, in the order of their numbers; None where it has fewer than
+    LEAST_POINTS.
 
     Raises:
         MissingDependencyError: pycolmap is not installed.
-        ColmapModelError: the model cannot be read, or has hardly any points.
+        ColmapModelError: the model cannot be read.
     """
     try:
         import pycolmap
@@ -67,14 +68,20 @@ def read_colmap_points(model_folder: str | Path) -> PointCloud:
         raise ColmapModelError(
             f"{model_folder} is not a readable COLMAP model: {str(error).strip()}"
         ) from error
+    return cloud_of(model) if len(model.points3D) >= LEAST_POINTS else None
+
+
+def cloud_of(model: Any) -> PointCloud:
+    """The points of a pycolmap.Reconstruction, in the order of their numbers.
+
+    Raises:
+        ColmapModelError: there are too few, or one is not finite.
+    """
     points = [model.points3D[number] for number in sorted(model.points3D)]
-    try:
-        return PointCloud(
-            np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
-            np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
-        )
-    except ColmapModelError as error:
-        raise ColmapModelError(f"{model_folder}: {error}") from None
+    return PointCloud(
+        np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
+        np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+    )
 
 
 def first_gaussians(points: PointCloud, extent: float, settings: TrainingSettings) -> Parameters:
