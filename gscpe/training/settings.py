@@ -24,7 +24,8 @@ class TrainingSettings:
         position_rate: learning rate of positions, times the extent of the cameras; it falls to
             ``position_rate_end`` times it, exponentially.
         scale_rate, rotation_rate, opacity_rate, colour_rate: learning rates of the logarithms of
-            the scales (halved at 0.7), quaternions, logits, and harmonics of degree 0.
+            the scales, quaternions, logits, and harmonics of degree 0; they fall to ``rates_end``
+            times this, exponentially.
         harmonics_rate: of higher degrees, as a share of ``colour_rate``.
         exposure_rate: of gains and biases; falls to a tenth. 0 for none.
         opacity_weight, scale_weight: of the mean opacity, and of the mean scale as a share of the
@@ -58,6 +59,7 @@ class TrainingSettings:
     rotation_rate: float = 1e-3
     opacity_rate: float = 0.03
     colour_rate: float = 2.5e-3
+    rates_end: float = 0.2
     harmonics_rate: float = 0.05
     exposure_rate: float = 0.01
     opacity_weight: float = 0.001

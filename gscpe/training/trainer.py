@@ -138,10 +138,11 @@ class Trainer:
         parameters, share = state.parameters, state.schedule.share
         rates = np.empty(MOMENTS, dtype=np.float32)
         rates[:3] = settings.position_rate * self._extent * settings.position_rate_end**share
-        rates[3:6] = settings.scale_rate * (1.0 if share < 0.7 else 0.5)
-        rates[6:10] = settings.rotation_rate
-        rates[10] = settings.opacity_rate
-        rates[11:] = settings.colour_rate
+        fallen = settings.rates_end**share
+        rates[3:6] = settings.scale_rate * fallen
+        rates[6:10] = settings.rotation_rate * fallen
+        rates[10] = settings.opacity_rate * fallen
+        rates[11:] = settings.colour_rate * fallen
         shown = max(sum(end - begin for begin, end in gradients.used), 1)
         self._threads.run(
             update_gaussians,
@@ -153,7 +154,7 @@ class Trainer:
             gradients.keys,
             gradients.by_slot,
             rates,
-            np.float32(settings.colour_rate * settings.harmonics_rate),
+            np.float32(settings.colour_rate * settings.harmonics_rate * fallen),
             np.float32(settings.opacity_weight / shown),
             np.float32(settings.scale_weight / (shown * 3 * self._extent)),
             np.float32(half_side),
