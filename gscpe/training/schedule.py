@@ -70,7 +70,7 @@ class Schedule:
         whole = self._cost_left()
         step = 1.0 / self.settings.iterations
         if whole > 0:
-            step = max(step, whole / max(left, 1e-9) * (1.0 - self.share))
+            step = max(step, whole / max(left, 1e-9))
         self.share = 1.0 if left <= 0 else min(1.0, self.share + step)
 
     def _remember(self, cost: float) -> None:

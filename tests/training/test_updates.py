@@ -196,14 +196,17 @@ def test_faint_and_large_gaussians_are_dropped(rng: np.random.Generator) -> None
 def test_the_clock_is_kept_where_large_photos_take_longer() -> None:
     """Half photos take 0.1 s, whole ones 0.3 s, and twice as long after a while."""
     schedule = Schedule(TrainingSettings(minutes=2.0))
-    seconds, small_seconds = 10.0, 0.0
+    seconds, small_seconds, steps = 10.0, 0.0, []
     while not schedule.is_done:
         cost = (0.1 if schedule.is_small else 0.3) * (2.0 if seconds > 60 else 1.0)
         small_seconds += cost * schedule.is_small
         seconds += cost
+        before = schedule.share
         schedule.advance(seconds, cost)
-    assert 114 < seconds < 120
-    assert 0.15 < small_seconds / seconds < 0.5
+        steps.append(schedule.share - before)
+    assert 117 < seconds < 120
+    assert 0.25 < small_seconds / seconds < 0.5
+    assert max(steps) < 0.01  # no leap at the end
 
 
 def test_by_iterations_the_schedule_is_exact() -> None:
