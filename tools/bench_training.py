@@ -6,7 +6,8 @@ Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py [--splat PLY] [-
        GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py --splat PLY --likeness [--every N]
 
 Iteration and render take turns, with the same Gaussians and the same camera, so that whatever
-else the machine does falls on both. The iteration is a whole one: render, loss, gradients, Adam.
+else the machine does falls on both; processor seconds, of all cores, hardly depend on that at
+all. The iteration is a whole one: render, loss, gradients, Adam.
 The render is Renderer(..., "cpu").render, which is given the Gaussians in view by chunks and not
 one by one. PSNR is of renders at the queries' true poses, raw and with a gain and a bias fitted
 for each photo and channel.
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import sys
 import time
 from pathlib import Path
@@ -82,8 +84,8 @@ def show_times(scene: GaussianScene, data: Path, rounds: int) -> None:
     ]
     extent = extent_of(references.cam_from_world)
     print(f"{len(scene)} Gaussians, {PHOTOS} views, medians")
-    print("| photos | degree | iteration, ms | render, ms | ratio |")
-    print("|---|---|---|---|---|")
+    print("| photos | degree | iteration, ms | render, ms | ratio | of processor seconds |")
+    print("|---|---|---|---|---|---|")
     for small in (True, False):
         for degree in (0, 3):
             settings = TrainingSettings(
@@ -92,10 +94,14 @@ def show_times(scene: GaussianScene, data: Path, rounds: int) -> None:
             parameters = parameters_of(scene, degree)
             poses = references.cam_from_world[chosen]
             iteration, render = times(parameters, photos, poses, extent, settings, rounds)
-            size = f"{photos[0].camera.width // (1 + small)} px"
+            wall, processor = iteration / render
             print(
-                f"| {size} | {degree} | {iteration:.0f} | {render:.0f} | {iteration / render:.2f} |"
+                f"| {photos[0].camera.width // (1 + small)} px | {degree} | {iteration[0]:.0f} | "
+                f"{render[0]:.0f} | {wall:.2f} | {processor:.2f} |",
+                flush=True,
             )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"at most {peak:.2f} GB of memory (Linux)")
 
 
 def times(
@@ -105,8 +111,8 @@ def times(
     extent: float,
     settings: TrainingSettings,
     rounds: int,
-) -> tuple[float, float]:
-    """Median milliseconds of an iteration and of a render of the same view."""
+) -> tuple[Float64Array, Float64Array]:
+    """Median milliseconds, wall and processor, of an iteration and a render of the same view."""
     state = TrainingState(
         parameters,
         Exposures.neutral(len(photos)),
@@ -125,15 +131,20 @@ def times(
         camera = trainer.sized(index).camera
         with Renderer(parameters.scene(degree, antialiased=False), "cpu") as renderer:
             renderer.render(camera, poses[index])
-            begin = time.perf_counter()
+            begin = clocks()
             renderer.render(camera, poses[index])
-            middle = time.perf_counter()
+            middle = clocks()
             trainer.step()
-            end = time.perf_counter()
-        renders.append(1000.0 * (middle - begin))
-        iterations.append(1000.0 * (end - middle))
+            end = clocks()
+        renders.append(middle - begin)
+        iterations.append(end - middle)
     threads.close()
-    return float(np.median(iterations)), float(np.median(renders))
+    return np.median(iterations, axis=0), np.median(renders, axis=0)
+
+
+def clocks() -> Float64Array:
+    """Milliseconds on the wall, and of processors."""
+    return 1000.0 * np.array([time.perf_counter(), time.process_time()])
 
 
 def parameters_of(scene: GaussianScene, degree: int) -> Parameters:

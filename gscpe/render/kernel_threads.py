@@ -68,9 +68,10 @@ def interrupts_later() -> Iterator[list[int]]:
 
     An exception inside a callback of the compiler is lost, or ends as a SystemError; and one
     between two loops would leave work half done. Signals reach only the main thread, and only
-    there can they be handled."""
+    there can they be handled. A process that ignores Ctrl-C (in the background) still does."""
     received: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         yield received
         return
     before = signal.signal(signal.SIGINT, lambda number, _: received.append(number))

@@ -109,6 +109,8 @@ def train(
                     written = time.perf_counter()
             if path is not None:
                 write_checkpoint(path, state, mark)
+        if not state.schedule.is_done:  # and the program's own handler let it go on
+            raise KeyboardInterrupt
     finally:
         pool.close()
     _log.info("trained %d iterations in %.0f s", state.schedule.iteration, state.schedule.seconds)

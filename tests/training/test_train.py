@@ -120,6 +120,28 @@ def test_resumed_it_ends_as_if_uninterrupted(tmp_path: Path) -> None:
     assert same(whole, train(photos, poses, points, SETTINGS, None, file, resume=True))
 
 
+def test_interrupted_it_never_passes_for_finished(tmp_path: Path) -> None:
+    """Ignored, as in the background of a shell, Ctrl-C stops nothing; and a handler that does not
+    raise does not turn half a training into a result."""
+    photos, poses, points = shots()
+    short = dataclasses.replace(SETTINGS, iterations=6)
+
+    def interrupt(progress: Progress) -> None:
+        if progress.iteration == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        ignored = train(photos, poses, points, short, interrupt)
+        signal.signal(signal.SIGINT, lambda *_: None)
+        with pytest.raises(KeyboardInterrupt):
+            train(photos, poses, points, short, interrupt)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert same(ignored, train(photos, poses, points, short))
+
+
 def test_killed_it_goes_on(tmp_path: Path) -> None:
     """kill -9 leaves the checkpoint before it, whole."""
     file = tmp_path / "room.checkpoint"
