@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from contextlib import closing, nullcontext
 from pathlib import Path
 
 from gscpe.cli.common import Commands, show_progress
-from gscpe.errors import MissingDependencyError
 
 
 def add_parser(commands: Commands) -> None:
@@ -70,11 +68,7 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if importlib.util.find_spec("numba") is None:
-        raise MissingDependencyError("training needs Numba: pip install 'gscpe[cpu]'")
-    from gscpe.training.from_colmap import checkpoint_of, train_from_colmap
-    from gscpe.training.progress import ProgressBar
-    from gscpe.training.settings import TrainingSettings
+    from gscpe.training import ProgressBar, TrainingSettings, checkpoint_of, train_from_colmap
 
     by_time = options.iterations is None
     settings = TrainingSettings(

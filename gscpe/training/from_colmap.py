@@ -14,10 +14,10 @@ from gscpe.scene.photo import Photo, read_image, resized_photo, to_photo
 from gscpe.scene.references import References
 from gscpe.scene.write_splat import write_splat
 from gscpe.training.evaluation import Likeness, likeness
+from gscpe.training.loop import LEAST_PHOTOS, train
 from gscpe.training.points import read_colmap_points
 from gscpe.training.progress import Listener
 from gscpe.training.settings import TrainingSettings
-from gscpe.training.train import LEAST_PHOTOS, train
 from gscpe.training.triangulation import triangulated_points
 
 _log = logging.getLogger(__name__)

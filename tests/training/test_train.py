@@ -21,11 +21,11 @@ from gscpe.scene import GaussianScene, Photo
 
 pytest.importorskip("numba")
 
+from gscpe.training import train
 from gscpe.training.evaluation import likeness
 from gscpe.training.points import PointCloud
 from gscpe.training.progress import Progress
 from gscpe.training.settings import TrainingSettings
-from gscpe.training.train import train
 
 SETTINGS = TrainingSettings(iterations=60, max_gaussians=1500, densify_rounds=4)
 
@@ -149,7 +149,7 @@ def test_killed_it_goes_on(tmp_path: Path) -> None:
 import os, signal, sys
 from pathlib import Path
 sys.path[:0] = {sys.path!r}
-import gscpe.training.train as t
+import gscpe.training.loop as t
 from test_train import SETTINGS, shots
 t._CHECKPOINT_SECONDS = 0.0
 def stop(progress):
