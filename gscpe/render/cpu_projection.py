@@ -24,7 +24,6 @@ _U64 = np.uint64
 FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
 MIN_ALPHA = _F(1.0 / 255.0)
 LOW_PASS = _F(0.3)
-_NEAR = _F(0.2)
 _SHIFT = 4  # TILE = 1 << _SHIFT
 
 
@@ -144,7 +143,7 @@ def rotation_of(qw, qx, qy, qz):
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def project(  # noqa: PLR0915 - one formula after the other; a call each would cost time
     begin, end, task, positions, means, quaternions, scales, opacities, sh, order,
-    view, centre, intrinsics, limits, stretch, size, antialiased,
+    view, centre, intrinsics, limits, stretch, size, near, antialiased,
     records, record_bits, tile_rows, keys, slot_of, counts,
 ):  # fmt: skip
     """Projects positions[begin:end] (EWA, as shaders/project.frag) into records, from slot
@@ -163,7 +162,7 @@ def project(  # noqa: PLR0915 - one formula after the other; a call each would c
     slot = begin
     for i in positions[begin:end]:
         z = _view_depth(means[i], view[2])
-        if z <= _NEAR:
+        if z <= near:
             continue
         opacity = opacities[i]
         inverse_z = one / z

@@ -16,6 +16,7 @@ from gscpe.errors import MissingDependencyError
 from gscpe.geometry.camera import Camera
 from gscpe.render.kernel_threads import KernelThreads
 from gscpe.render.spatial_chunks import SpatialChunks
+from gscpe.render.splatting import NEAR
 from gscpe.render.view import RenderedView
 from gscpe.scene.gaussians import GaussianScene
 
@@ -77,6 +78,7 @@ class CpuRasterizer:
             self._slot_of,
             camera,
             cam_from_world,
+            NEAR,
             self._antialiased,
         )
         return self._composite(self._threads, tiled, camera, cam_from_world)

@@ -70,6 +70,7 @@ def tile_view(
     slot_of: NDArray[np.int32],
     camera: Camera,
     cam_from_world: Float64Array,
+    near: float,
     antialiased: bool,
 ) -> TiledView:
     """Projects the Gaussians at these positions, sorts them, and lists them by tile.
@@ -81,6 +82,7 @@ def tile_view(
         slot_of: room for as many as there are indices; any content.
         camera: pinhole.
         cam_from_world: (4, 4) rigid transform.
+        near: Gaussians whose centres are nearer than this are left out.
         antialiased: as in GaussianScene.
     """
     tasks = in_parts(len(positions), max(_TASK, len(positions) // _MOST_TASKS))
@@ -104,6 +106,7 @@ def tile_view(
         limits.as_array(),
         np.float32(max(camera.fx, camera.fy) * limits.stretch()),
         np.array([camera.width, camera.height], dtype=np.float32),
+        np.float32(near),
         antialiased,
         records,
         records.view(np.uint32),

@@ -11,6 +11,7 @@ from gscpe.arrays import Float32Array, Float64Array
 from gscpe.geometry.camera import Camera
 from gscpe.render.cpu_tiles import Gaussians, TiledView, composite, tile_view
 from gscpe.render.kernel_threads import KernelThreads, in_parts
+from gscpe.render.splatting import NEAR
 from gscpe.render.view import RenderedView
 from gscpe.training.backward_compositing import SUMS, add_up_entries, sum_tiles
 from gscpe.training.backward_projection import GRADIENT, parameter_gradients
@@ -56,9 +57,13 @@ class TrainingRasterizer:
     Args:
         threads: run the loops.
         antialiased: as in GaussianScene.
+        near: the near plane, map units.
     """
 
-    def __init__(self, threads: KernelThreads, antialiased: bool = False) -> None:
+    def __init__(
+        self, threads: KernelThreads, antialiased: bool = False, near: float = NEAR
+    ) -> None:
+        self._near = near
         self._threads = threads
         self._antialiased = antialiased
         self._indices = np.zeros(0, dtype=np.uint32)
@@ -83,6 +88,7 @@ class TrainingRasterizer:
             self._slot_of,
             camera,
             cam_from_world,
+            self._near,
             self._antialiased,
         )
         return ForwardPass(composite(self._threads, tiled, camera, cam_from_world), tiled)
