@@ -56,6 +56,10 @@ class SettingsError(InputError):
     """A setting is out of its range, or settings contradict each other."""
 
 
+class TrainingError(InputError):
+    """Photos, poses or a checkpoint cannot be trained from."""
+
+
 class OutputError(GscpeError):
     """A result cannot be written where it was asked to be."""
 
