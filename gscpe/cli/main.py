@@ -19,14 +19,28 @@ from gscpe.cli import (
     doctor,
     evaluate,
     localize,
+    make_map,
     models,
+    reconstruct,
     render,
     train,
 )
 from gscpe.errors import GscpeError
 
 _COMMANDS = (
-    *(demo, train, build_map, localize, benchmark, evaluate, convert_poses, render, models),
+    *(
+        demo,
+        make_map,
+        reconstruct,
+        train,
+        build_map,
+        localize,
+        benchmark,
+        evaluate,
+        convert_poses,
+        render,
+        models,
+    ),
     doctor,
 )
 
