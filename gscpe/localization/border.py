@@ -40,12 +40,14 @@ def attempt_in_world(attempt: Attempt, frame: MapFrame) -> Attempt:
 def _stage_in_world(result: _Stage | None, frame: MapFrame) -> _Stage | None:
     if result is None or result.cam_from_world is None:
         return result
-    covariance = result.covariance
-    return replace(
-        result,
-        cam_from_world=frame.cam_from_world(result.cam_from_world),
-        covariance=None if covariance is None else frame.world_covariance(covariance),
-    )
+    covariances = {"covariance": result.covariance}
+    if isinstance(result, RefinementResult):
+        covariances["unshared"] = result.unshared
+    in_world = {
+        name: None if covariance is None else frame.world_covariance(covariance)
+        for name, covariance in covariances.items()
+    }
+    return replace(result, cam_from_world=frame.cam_from_world(result.cam_from_world), **in_world)
 
 
 def view_in_world(view: RenderedView, frame: MapFrame) -> RenderedView:

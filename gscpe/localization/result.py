@@ -115,4 +115,5 @@ def _final_pose(attempt: Attempt, settings: FusionSettings) -> tuple[Float64Arra
         aligned.cam_from_world,
         aligned.covariance,
         settings,
+        aligned.unshared,
     )

@@ -27,7 +27,7 @@ from gscpe.refinement.pyramid import (
     photo_pyramid,
 )
 from gscpe.refinement.turned_starts import align_from_turned_starts
-from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
+from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import Renders
 from gscpe.scene import Photo, luminance
@@ -112,6 +112,9 @@ class RefinementResult:
             depth is between half a metre and 2 m; see :meth:`gscpe.RenderedView.tolerance_unit`.
         converged: whether the last level converged.
         reason: why it failed, or None.
+        unshared: (6, 6), the part of the covariance that is there because photo and render do
+            not show the same gradients (see :class:`gscpe.refinement.PoseUncertainty`): matches
+            between the two know no better. None where the alignment failed.
     """
 
     cam_from_world: Float64Array | None
@@ -126,6 +129,7 @@ class RefinementResult:
     tolerance_unit: float
     converged: bool
     reason: str | None = None
+    unshared: Float64Array | None = None
 
 
 def refine_pose(
@@ -197,11 +201,12 @@ def refine_pose(
     agreement, overlap = photometric_agreement(
         pyramid[compared], photo_levels[compared], alignment.photo_from_anchor
     )
+    uncertainty = pose_uncertainty(
+        template, photo_levels[0], alignment, settings.solver, settings.uncertainty
+    )
     return RefinementResult(
         cam_from_world=cam_from_world,
-        covariance=pose_covariance(
-            template, photo_levels[0], alignment, settings.solver, settings.uncertainty
-        ),
+        covariance=uncertainty.covariance,
         gain=last_light[0],
         bias=last_light[1],
         residual=alignment.residual,
@@ -211,6 +216,7 @@ def refine_pose(
         anchors=anchors,
         tolerance_unit=tolerance_unit,
         converged=alignment.converged,
+        unshared=uncertainty.unshared,
     )
 
 

@@ -17,7 +17,7 @@ from gscpe.geometry import se3
 from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, align, build_template
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
-from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
+from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.scene import luminance
 
 CAMERA = room_camera(160, 120)
@@ -44,7 +44,7 @@ def solve(
     found = align(template, image, pose, 1.0, 0.0, solver)
     assert found is not None
     settings = settings or UncertaintySettings()
-    return found, pose_covariance(template, image, found, solver, settings)
+    return found, pose_uncertainty(template, image, found, solver, settings).covariance
 
 
 def nees(sigma_pixels: float, count: int = 40) -> tuple[float, float]:
