@@ -18,7 +18,7 @@ from gscpe.scene.query_list import Query
 
 
 class Worker(Closing):
-    """Localizes one query at a time, from the thread that made it."""
+    """Localizes one query at a time."""
 
     def __init__(self, localizer: Localizer, image_folder: str | Path) -> None:
         self._localizer = localizer

@@ -123,20 +123,21 @@ def pose_uncertainty(
     curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
     middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
     factor = settings.factor * np.sqrt(rho) / curvature**2
-    root = np.linalg.cholesky(inverse)
+    root = np.asarray(np.linalg.cholesky(inverse), dtype=np.float64)
     seen = design.copy()
     seen[:6] = _photo_jacobian(template, photo, alignment)
-    grains = _blocks(template, photo.camera, photo.camera.width / _GRAIN)
+    grains = _blocks(template, photo.camera, max(1, photo.camera.width // _GRAIN))
     kept, axes = _shared_information(design, seen, weights, root, grains)
     whole = factor * (root.T @ middle @ root)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
 
     def of_pose(scales: Float64Array) -> Float64Array:
         half = root @ (axes * scales) @ axes.T
-        return to_photo @ (half @ whole @ half.T)[:6, :6] @ to_photo.T
+        of_anchor = (half @ whole @ half.T)[:6, :6]
+        return np.asarray(to_photo @ of_anchor @ to_photo.T)
 
-    least = settings.least_pixels**2 * covariance_from_information(template.motion)
-    covariance = of_pose(1.0 / np.sqrt(kept)) + to_photo @ least @ to_photo.T
+    floor = settings.least_pixels**2 * covariance_from_information(template.motion)
+    covariance = of_pose(1.0 / np.sqrt(kept)) + to_photo @ floor @ to_photo.T
     unshared = of_pose(np.sqrt(1.0 / kept - 1.0))
     return PoseUncertainty(_symmetric(covariance), _symmetric(unshared))
 
@@ -188,12 +189,11 @@ def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment)
     return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
 
 
-def _blocks(template: Template, camera: Camera, count: float) -> IntArray:
+def _blocks(template: Template, camera: Camera, count: int) -> IntArray:
     """A number for each template point's block of the anchor image, (N,)."""
     x, y, z = template.points
     size = np.float32(camera.width / count)
     column = (x / z * np.float32(camera.fx) + np.float32(camera.cx)) / size
     row = (y / z * np.float32(camera.fy) + np.float32(camera.cy)) / size
-    columns = int(np.ceil(count))
-    column = np.clip(column.astype(np.intp), 0, columns - 1)
-    return np.asarray(np.maximum(row.astype(np.intp), 0) * columns + column)
+    column = np.clip(column.astype(np.intp), 0, count - 1)
+    return np.asarray(np.maximum(row.astype(np.intp), 0) * count + column)
