@@ -68,6 +68,10 @@ class RenderError(GscpeError):
     """OpenGL is missing, too old, or reported a failure."""
 
 
+class ClosedError(RenderError):
+    """A renderer or a localizer was used after it had been closed, perhaps by another thread."""
+
+
 class MissingDependencyError(GscpeError):
     """An optional package is needed for this and is not installed."""
 

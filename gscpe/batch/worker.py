@@ -19,7 +19,7 @@ from gscpe.scene.query_list import Query
 
 
 class Worker(Closing):
-    """Localizes one query at a time, from the thread that made it."""
+    """Localizes one query at a time."""
 
     def __init__(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.closing import Closing
 from gscpe.coarse import estimate_coarse_pose
-from gscpe.errors import CameraError, MapError, PoseError, SettingsError
+from gscpe.errors import CameraError, ClosedError, MapError, PoseError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
 from gscpe.localization.attempt import Attempt, PreparedPhoto
@@ -96,7 +97,20 @@ class Localizer(Closing):
         self._describer = open_describer(map_.descriptors, self.settings.retrieval_model)
         self._index = ReferenceIndex(map_.descriptors.descriptors, self.settings.index)
         self._renderer = Renderer(map_.scene, backend, progress)
-        self._lock = threading.RLock()
+        self._lock = threading.RLock()  # an observer may render
+        self._closed = False
+
+    @contextmanager
+    def _while_open(self) -> Iterator[None]:
+        """One thread at a time.
+
+        Raises:
+            ClosedError: the localizer is closed.
+        """
+        with self._lock:
+            if self._closed:
+                raise ClosedError("this localizer is closed")
+            yield
 
     def localize(
         self,
@@ -128,8 +142,9 @@ class Localizer(Closing):
                 names one that it does not have.
             RenderError: rendering failed.
             ModelError: a trained network failed.
+            ClosedError: the localizer is closed.
         """
-        with self._lock:
+        with self._while_open():
             return self._localize(image, camera, prior, references, observer or Observer())
 
     def _localize(
@@ -275,9 +290,9 @@ class Localizer(Closing):
 
         Raises:
             CameraError: the photo does not tell; the message says why.
-            PhotoError, MapError, RenderError, ModelError: as :meth:`localize`.
+            PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
-        with self._lock:
+        with self._while_open():
             return self._estimate_camera(image, guess)
 
     def _estimate_camera(self, image: UInt8Array, guess: Camera | None) -> Camera:
@@ -315,7 +330,7 @@ class Localizer(Closing):
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
         are with respect to the world."""
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
-        with self._lock:
+        with self._while_open():
             view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
         return view_in_world(view, self.map.frame)
 
@@ -372,4 +387,5 @@ class Localizer(Closing):
         """Releases the renderer's memory, once a call that is being worked on is finished; the
         localizer cannot be used after."""
         with self._lock:
+            self._closed = True
             self._renderer.close()
