@@ -1,15 +1,27 @@
-"""What a worker is told: everything that it needs to localize, as small picklable data."""
+"""What a worker is told: everything that it needs to localize, as small picklable data.
+
+Part of it is a fingerprint of map and settings, by which resuming notices that they changed.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gscpe.batch.fingerprint import Fingerprint, map_fingerprint, settings_fingerprint
+from gscpe.errors import MapError, ModelError
 from gscpe.localization import LocalizerSettings
 from gscpe.matching import matcher_name
 
 _ONNX = "onnx:"
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """Of the map, and of the settings with the matcher: 12 hexadecimal digits each."""
+
+    map: str
+    settings: str
 
 
 @dataclass(frozen=True)
@@ -65,3 +77,48 @@ def _chosen(matcher: str) -> str:
     if matcher.startswith(_ONNX):
         return f"{_ONNX}{Path(matcher.removeprefix(_ONNX)).absolute()}"
     return matcher_name(matcher)
+
+
+def map_fingerprint(folder: str | Path) -> str:
+    """Changes with every file of the map: ``map.json`` holds their checksums.
+
+    Raises:
+        MapError: there is no ``map.json``, or it cannot be read.
+    """
+    path = Path(folder) / "map.json"
+    if not path.is_file():
+        raise MapError(f"{folder} is not a gscpe map: it has no map.json; see gscpe build-map")
+    try:
+        return _short_hash(path.read_bytes())
+    except OSError as error:
+        raise MapError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def settings_fingerprint(settings: LocalizerSettings, matcher: str) -> str:
+    """Changes with every setting, and with the matcher.
+
+    Where the retrieval model lies does not count (the map knows its checksum), nor does the
+    path of an ONNX matcher, only what is in it.
+
+    Args:
+        settings: of the localizer.
+        matcher: a name of gscpe.matching.make_matcher, other than "auto".
+
+    Raises:
+        ModelError: the file of an ONNX matcher cannot be read.
+    """
+    text = f"{replace(settings, retrieval_model=None)!r} {matcher}"
+    if not matcher.startswith(_ONNX):
+        return _short_hash(text.encode())
+    path = Path(matcher.removeprefix(_ONNX))
+    beside = path.with_suffix(".json")
+    try:
+        contents = [path.read_bytes(), beside.read_bytes() if beside.is_file() else b""]
+    except OSError as error:
+        raise ModelError(f"{path} cannot be read: {error.strerror}") from error
+    text = f"{replace(settings, retrieval_model=None)!r} {_ONNX}"
+    return _short_hash(b"".join([text.encode(), *contents]))
+
+
+def _short_hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:12]

@@ -15,9 +15,8 @@ from typing import Iterable, Mapping, Sequence
 
 from tqdm import tqdm
 
-from gscpe.batch.crew import Crew
+from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details
-from gscpe.batch.serial_crew import SerialCrew
 from gscpe.batch.worker import Worker
 from gscpe.errors import OutputError
 from gscpe.localization import Localizer

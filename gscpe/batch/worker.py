@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Iterator
 
 import cv2
 
 from gscpe.batch.details import Detail, failed_details, result_details
-from gscpe.batch.fingerprint import map_fingerprint
-from gscpe.batch.instructions import Instructions
-from gscpe.batch.threads import limited_threads
+from gscpe.batch.instructions import Instructions, map_fingerprint
 from gscpe.closing import Closing
+from gscpe.cores import VARIABLE
 from gscpe.errors import InputError, MapError
 from gscpe.localization import Localizer
 from gscpe.scene import open_map, read_image
 from gscpe.scene.query_list import Query
+
+_VARIABLES = (
+    VARIABLE,  # the CPU rasterizer, onnxruntime
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
+    *("NUMBA_NUM_THREADS", "LP_NUM_THREADS"),  # the last one: Mesa's software OpenGL
+)
 
 
 class Worker(Closing):
@@ -72,3 +80,22 @@ class Worker(Closing):
     def close(self) -> None:
         """Gives the renderer's memory back."""
         self._localizer.close()
+
+
+@contextmanager
+def limited_threads(threads: int | None) -> Iterator[None]:
+    """Sets the environment that libraries read when they are loaded, and processes that are
+    started meanwhile inherit. None: leaves it."""
+    if threads is None:
+        yield
+        return
+    before = {name: os.environ.get(name) for name in _VARIABLES}
+    os.environ.update(dict.fromkeys(_VARIABLES, str(threads)))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

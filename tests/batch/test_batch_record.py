@@ -22,7 +22,7 @@ from gscpe.batch import (
     read_details,
 )
 from gscpe.batch.details import failed_details
-from gscpe.batch.fingerprint import map_fingerprint, settings_fingerprint
+from gscpe.batch.instructions import map_fingerprint, settings_fingerprint
 from gscpe.cores import available_cores
 from gscpe.errors import MapError, ModelError, OutputError, SettingsError
 from gscpe.localization.settings import LocalizerSettings
