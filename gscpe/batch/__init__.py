@@ -3,7 +3,7 @@
 from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details, result_details
-from gscpe.batch.instructions import Fingerprint, Instructions
+from gscpe.batch.instructions import TIMEOUT, Fingerprint, Instructions
 from gscpe.batch.record import localize_list, localize_with
 from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, write_poses
 from gscpe.batch.worker import Worker
@@ -15,6 +15,7 @@ __all__ = [
     "Instructions",
     "ListFiles",
     "SerialCrew",
+    "TIMEOUT",
     "Worker",
     "check_outputs",
     "choose_workers",

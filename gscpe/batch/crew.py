@@ -6,6 +6,7 @@ The smallest one is a worker in this process.
 from __future__ import annotations
 
 from abc import abstractmethod
+from pathlib import Path
 from typing import Iterator, Sequence
 
 from gscpe.batch.details import Detail
@@ -23,9 +24,11 @@ class Crew(Closing):
 
     Attributes:
         fingerprint: of map and settings; None where the map is no folder.
+        image_folder: that the queries' names are relative to.
     """
 
     fingerprint: Fingerprint | None
+    image_folder: Path
 
     @property
     @abstractmethod
@@ -57,6 +60,7 @@ class SerialCrew(Crew):
 
     def __init__(self, worker: Worker, fingerprint: Fingerprint | None = None) -> None:
         self.fingerprint = fingerprint
+        self.image_folder = worker.image_folder
         self._worker = worker
 
     @property

@@ -6,8 +6,10 @@ This needs Dask to be imported; :func:`gscpe.batch.make_crew` does so where a sc
 from __future__ import annotations
 
 import logging
+import math
+import threading
 import uuid
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any, Iterator, Sequence
@@ -50,6 +52,7 @@ class DaskCrew(Crew):
 
     def __init__(self, instructions: Instructions, scheduler: str) -> None:
         self.fingerprint = instructions.fingerprint
+        self.image_folder = instructions.image_folder
         self._scheduler = scheduler
         self._registered = False
         self._name = f"gscpe-{uuid.uuid4().hex}"
@@ -145,7 +148,7 @@ class LocalizerPlugin(WorkerPlugin):
     """Opens the map where it is registered, and on workers that join later; closes it at the end.
 
     An OpenGL context belongs to its thread, so one thread does all the work, however many Dask
-    runs tasks in.
+    runs tasks in. One that hangs is left behind, and a new one opens the map again.
     """
 
     def __init__(self, name: str, instructions: Instructions) -> None:
@@ -157,6 +160,10 @@ class LocalizerPlugin(WorkerPlugin):
         self._address = worker.address
         if self._instructions.threads is None:
             self._instructions = replace(self._instructions, threads=worker.state.nthreads)
+        self._turn = threading.Lock()  # whose time runs is the one that is worked on
+        self._begin()
+
+    def _begin(self) -> None:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="gscpe-localizer")
         self._worker: Future[Worker] = self._thread.submit(self._start)
 
@@ -184,8 +191,17 @@ class LocalizerPlugin(WorkerPlugin):
         return self._worker.result().description
 
     def localize(self, query: Query) -> Detail:
-        """As :meth:`gscpe.batch.Worker.localize`, from any thread."""
-        return self._thread.submit(self._worker.result().localize, query).result()
+        """As :meth:`gscpe.batch.Worker.localize`, from any thread; or failed, after the time
+        that the instructions allow."""
+        seconds = self._instructions.timeout
+        with self._turn:
+            found = self._thread.submit(self._worker.result().localize, query)
+            wait([found], seconds if math.isfinite(seconds) else None)
+            if not found.done():
+                self._thread.shutdown(wait=False)
+                self._begin()
+                return failed_details(query, f"its worker hung (no answer for {seconds:g} s)")
+        return found.result()
 
 
 def describe_on_worker(name: str) -> str:

@@ -1,6 +1,7 @@
 """What a worker is told: everything that it needs to localize, as small picklable data.
 
-Part of it is a fingerprint of map and settings, by which resuming notices that they changed.
+Part of it is a fingerprint of map and settings, by which resuming notices that they changed;
+that of a photo is here too.
 """
 
 from __future__ import annotations
@@ -9,11 +10,14 @@ import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gscpe.errors import MapError, ModelError
+from gscpe.errors import MapError, ModelError, SettingsError
 from gscpe.localization import LocalizerSettings
 from gscpe.matching import matcher_name
 
 _ONNX = "onnx:"
+
+TIMEOUT = 600.0
+"""Seconds, hundreds of times what a photo takes: a worker that is slower hangs."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,9 @@ class Instructions:
         backend: of gscpe.render.Renderer.
         fingerprint: of map and settings; a worker refuses a map that has another one.
         threads: of a worker; None: one for each core.
+        timeout: seconds that a worker may take to open the map, and for a photo; then another
+            one takes its place, and the photo has failed. Where this process is the only
+            worker, nothing can end it.
     """
 
     map_folder: Path
@@ -45,6 +52,7 @@ class Instructions:
     backend: str
     fingerprint: Fingerprint
     threads: int | None = None
+    timeout: float = TIMEOUT
 
     @classmethod
     def of(
@@ -54,13 +62,17 @@ class Instructions:
         settings: LocalizerSettings | None = None,
         matcher: str = "auto",
         backend: str = "auto",
+        timeout: float = TIMEOUT,
     ) -> Instructions:
         """Instructions with absolute paths, the matcher chosen, and the map as it is now.
 
         Raises:
             MapError: there is no map.
             ModelError: the file of an ONNX matcher cannot be read.
+            SettingsError: the timeout is not positive.
         """
+        if not timeout > 0:
+            raise SettingsError(f"the timeout must be positive, not {timeout} s")
         settings = settings or LocalizerSettings()
         if settings.retrieval_model is not None:
             settings = replace(settings, retrieval_model=Path(settings.retrieval_model).absolute())
@@ -69,7 +81,7 @@ class Instructions:
             map_fingerprint(map_folder), settings_fingerprint(settings, matcher)
         )
         folders = Path(map_folder).absolute(), Path(image_folder).absolute()
-        return cls(*folders, settings, matcher, backend, fingerprint)
+        return cls(*folders, settings, matcher, backend, fingerprint, timeout=timeout)
 
 
 def _chosen(matcher: str) -> str:
@@ -118,6 +130,22 @@ def settings_fingerprint(settings: LocalizerSettings, matcher: str) -> str:
         raise ModelError(f"{path} cannot be read: {error.strerror}") from error
     text = f"{replace(settings, retrieval_model=None)!r} {_ONNX}"
     return _short_hash(b"".join([text.encode(), *contents]))
+
+
+def photo_fingerprint(path: str | Path) -> str | None:
+    """12 hexadecimal digits that change with the photo's bytes; None where it cannot be read.
+
+    All of it is read, which takes a hundredth of the time that localizing it does: copies may
+    keep the time of another file, and a raw image that was edited its size.
+    """
+    path = Path(path)
+    try:
+        if not path.is_file():  # a pipe could be waited for
+            return None
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()[:12]
+    except OSError:
+        return None
 
 
 def _short_hash(data: bytes) -> str:

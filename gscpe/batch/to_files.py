@@ -77,16 +77,17 @@ def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Pat
     one of the inputs, or comes twice."""
     taken = {Path(path).resolve() for path in inputs}
     for path in (Path(path) for path in paths if path is not None):
-        if path.resolve() in taken:
+        target = path.resolve()  # a link stays, also one to a file that is not there yet
+        if target in taken:
             raise OutputError(f"{path} is given twice; each input and output needs its own file")
-        taken.add(path.resolve())
+        taken.add(target)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            new = not path.exists()
-            with path.open("a"):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            new = not target.exists()
+            with target.open("a"):
                 pass
             if new:  # nothing empty is left behind where the work fails
-                path.unlink()
+                target.unlink()
         except OSError as error:
             raise OutputError(f"{path} cannot be written: {error.strerror}") from error
 
@@ -109,6 +110,7 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
             lines.append(f"{detail['name']} {source['cam_from_world']}\n")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text("".join(lines))
+        # A name that is no text in this file system's encoding is kept as it is.
+        Path(path).write_text("".join(lines), encoding="utf-8", errors="surrogateescape")
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error

@@ -10,10 +10,10 @@ from typing import Iterator
 import cv2
 
 from gscpe.batch.details import Detail, failed_details, result_details
-from gscpe.batch.instructions import Instructions, map_fingerprint
+from gscpe.batch.instructions import Instructions, map_fingerprint, photo_fingerprint
 from gscpe.closing import Closing
 from gscpe.cores import VARIABLE
-from gscpe.errors import InputError, MapError
+from gscpe.errors import InputError, MapError, ran_out_of_memory
 from gscpe.localization import Localizer
 from gscpe.scene import open_map, read_image
 from gscpe.scene.query_list import Query
@@ -26,11 +26,15 @@ _VARIABLES = (
 
 
 class Worker(Closing):
-    """Localizes one query at a time, from the thread that made it."""
+    """Localizes one query at a time, from the thread that made it.
+
+    Attributes:
+        image_folder: that the queries' names are relative to.
+    """
 
     def __init__(self, localizer: Localizer, image_folder: str | Path) -> None:
         self._localizer = localizer
-        self._image_folder = Path(image_folder)
+        self.image_folder = Path(image_folder)
 
     @classmethod
     def start(cls, instructions: Instructions, progress: bool = False) -> Worker:
@@ -71,11 +75,17 @@ class Worker(Closing):
         Raises:
             RenderError: rendering failed.
         """
+        path = self.image_folder / query.name
         try:
-            image = read_image(self._image_folder / query.name)
-            return result_details(query, self._localizer.localize(image, query.camera))
+            photo = photo_fingerprint(path)
+            image = read_image(path)
+            return result_details(query, self._localizer.localize(image, query.camera), photo)
         except InputError as error:
             return failed_details(query, str(error))
+        except Exception as error:
+            if not ran_out_of_memory(error):
+                raise
+            return failed_details(query, f"there is not enough memory for {path} ({error})")
 
     def close(self) -> None:
         """Gives the renderer's memory back."""

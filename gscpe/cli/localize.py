@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.batch import (
+    TIMEOUT,
     Instructions,
     ListFiles,
     check_outputs,
@@ -19,6 +20,7 @@ from gscpe.cli.common import (
     Commands,
     add_backend,
     add_matcher,
+    add_timeout,
     add_workers,
     print_json,
     show_progress,
@@ -66,6 +68,7 @@ def add_parser(commands: Commands) -> None:
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
     add_workers(many)
+    add_timeout(many)
     parser.add_argument(
         "--retrieval-model",
         metavar="ONNX",
@@ -82,6 +85,7 @@ def run(options: argparse.Namespace) -> int:
         parser.error("give either one photo, or --queries with --images and --output")
     one = {"camera", "json", "prior", "prior_sigma"}
     many = {"images", "output", "coarse_output", "details", "resume", "workers", "scheduler"}
+    many.add("timeout")
     alien = sorted(name for name in (one if options.queries else many) if getattr(options, name))
     if alien:
         option = "--" + alien[0].replace("_", "-")
@@ -152,6 +156,7 @@ def _localize_queries(options: argparse.Namespace) -> int:
         LocalizerSettings(retrieval_model=options.retrieval_model),
         options.matcher,
         options.backend,
+        options.timeout or TIMEOUT,
     )
     coarse = None if options.coarse_output is None else Path(options.coarse_output)
     details, _ = localize_to_files(

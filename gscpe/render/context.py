@@ -9,13 +9,15 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Iterator
-
-import moderngl
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Callable, Iterator
 
 from gscpe.errors import RenderError
 from gscpe.render.diagnosis import VARIABLES, ContextFailure, OpenGLFacts, summary
 from gscpe.render.osmesa import OSMesaContext
+
+if TYPE_CHECKING:
+    import moderngl
 
 REQUIRED_GL = 330
 
@@ -44,6 +46,22 @@ class DriverInfo:
     reached_by: str = ""
 
 
+def import_moderngl() -> ModuleType:
+    """moderngl, which has no wheel for Arm Linux, so that a machine may do without it.
+
+    Raises:
+        RenderError: it is not installed, or cannot be loaded.
+    """
+    try:
+        import moderngl
+    except ImportError as error:
+        raise RenderError(
+            f"OpenGL needs moderngl, which is missing ({error}): pip install moderngl; or render "
+            "on the CPU: pip install 'gscpe[cpu]'"
+        ) from error
+    return moderngl
+
+
 def create_context() -> moderngl.Context:
     """A new off-screen context with OpenGL 3.3 or later.
 
@@ -55,6 +73,7 @@ def create_context() -> moderngl.Context:
             this process was forked from one that has used OpenGL.
     """
     check_process(_first_process())
+    import_moderngl()
     context, failures = _first_context()
     if context is None:
         raise RenderError(summary(OpenGLFacts(platform=sys.platform, failures=failures)))
@@ -95,6 +114,10 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...
     """The first context that can be had, and what failed before."""
     failures: list[ContextFailure] = []
     no_more_egl = False
+    try:
+        moderngl = import_moderngl()
+    except RenderError as error:
+        return None, (ContextFailure("moderngl", str(error)),)
     for way, options in _ways():
         if no_more_egl and way.startswith("EGL"):
             continue

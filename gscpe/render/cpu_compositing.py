@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_projection import (
     BLUE,
     CUTOFF,
@@ -40,7 +40,7 @@ _PLANE = TILE * TILE
 _BLOCK = 32  # records gathered at a time
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def fill_entries(first, last, slots, tile_rows, spans, columns, cursors, entries):
     """Writes slots, in their order, into the tiles of rows first to last - 1 that they touch,
     where the tiles' cursors point."""
@@ -53,7 +53,7 @@ def fill_entries(first, last, slots, tile_rows, spans, columns, cursors, entries
                 cursors[tile] += 1
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _composite_ellipse(
     planes, first, last, u, v, a, b, c, opacity, limit, red, green, blue, z
 ):  # fmt: skip
@@ -88,7 +88,7 @@ def _composite_ellipse(
         planes[k + _U64(5 * _PLANE)] += weight * zz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def _live_rows(planes, first, last):
     """The first and the last row, of those given, that let light through; last < first if
     none does."""
@@ -99,7 +99,7 @@ def _live_rows(planes, first, last):
     return first, last
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def composite_tiles(
     begin, end, records, starts, entries, columns, rgb, opacity, depth, depth_variance
 ):

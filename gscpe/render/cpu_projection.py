@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from gscpe.render.compiled import compiled
 
 TILE = 16
 """Width and height of a tile in pixels, a power of two."""
@@ -28,7 +29,7 @@ _NEAR = _F(0.2)
 _SHIFT = 4  # TILE = 1 << _SHIFT
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _store_colour(records, i, sh, g, dx, dy, dz):
     """Evaluates spherical harmonics in the unit direction from the camera to the Gaussian."""
     coefficients = sh.shape[1]
@@ -61,26 +62,26 @@ def _store_colour(records, i, sh, g, dx, dy, dz):
         records[i, RED + k] = max(colour, _F(0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def _view_depth(mean, row):
     """As visibility_order.view_depths: without fast mathematics, so that the bits agree."""
     return ((mean[0] * row[0] + mean[1] * row[1]) + mean[2] * row[2]) + row[3]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _first_pixel(edge, size):
     """The first pixel whose centre lies beyond an edge, ``size`` if none. Rounding must not
     lose one, so the edge gets a hundredth of a pixel of margin."""
     return np.int32(min(max(edge + _F(0.49), _F(0.0)), size))
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _last_pixel(edge, size):
     """The last pixel whose centre lies before an edge, -1 if none."""
     return np.int32(min(max(edge + _F(0.51), _F(0.0)), size)) - np.int32(1)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutoff):
     """The tiles that an ellipse touches: a first and a last column for each of its rows of
     tiles, none if last < first."""
@@ -109,7 +110,7 @@ def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutof
             spans[used + k, 1] = last_pixel >> _SHIFT
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def project(  # noqa: PLR0915 - one formula after the other; a call each would cost time
     begin, end, task, positions, means, quaternions, scales, opacities, sh, order,
     view, centre, intrinsics, limits, stretch, size, antialiased,

@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from typing import Any, Callable, Iterable, Iterator
+from typing import Any, Callable, Iterable
 
 import numpy as np
 from tqdm import tqdm
@@ -22,6 +19,7 @@ from gscpe.cores import available_cores
 from gscpe.errors import MissingDependencyError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
+from gscpe.interrupts import interrupts_later
 from gscpe.render.spatial_chunks import SpatialChunks
 from gscpe.render.splatting import SlopeLimits
 from gscpe.render.view import RenderedView
@@ -41,6 +39,18 @@ def is_available() -> bool:
     except ImportError:
         return False
     return True
+
+
+def kept_in() -> str | None:
+    """The folder of the compiled loops, or None where each process compiles them.
+
+    Raises:
+        ImportError: Numba is not installed.
+    """
+    from gscpe.render import cpu_projection
+
+    path: str | None = cpu_projection.project.stats.cache_path
+    return path
 
 
 class CpuRasterizer:
@@ -177,7 +187,7 @@ class CpuRasterizer:
             disable=not progress,
         ) as bar:
             self._after_kernel = bar.update
-            with _interrupts_later():
+            with interrupts_later():
                 self.render(camera, np.eye(4))
             self._after_kernel = None
 
@@ -185,23 +195,6 @@ class CpuRasterizer:
         if self._pool is not None:
             self._pool.shutdown(wait=self._pool_owner == os.getpid())
             self._pool = None
-
-
-@contextmanager
-def _interrupts_later() -> Iterator[None]:
-    """Holds Ctrl-C back: an exception inside a callback of the compiler is lost, or ends as a
-    SystemError. Signals reach only the main thread, and only there can they be handled."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    received: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: received.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
-        if received:
-            signal.raise_signal(signal.SIGINT)
 
 
 def _chunks(count: int, size: int) -> list[tuple[int, int]]:

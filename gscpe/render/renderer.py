@@ -7,8 +7,8 @@ from gscpe.closing import Closing
 from gscpe.errors import RenderError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
+from gscpe.render.context import import_moderngl
 from gscpe.render.cpu_rasterizer import CpuRasterizer
-from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.rasterizer import Rasterizer, choose_backend
 from gscpe.render.view import RenderedView
 from gscpe.scene.gaussians import GaussianScene
@@ -34,7 +34,7 @@ class Renderer(Closing):
     def __init__(self, scene: GaussianScene, backend: str = "auto", progress: bool = False) -> None:
         chosen = choose_backend(backend)
         self._rasterizer: Rasterizer | None = (
-            GlRasterizer(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
+            _gl_rasterizer(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
         )
         self.description = self._rasterizer.description
 
@@ -66,3 +66,10 @@ class Renderer(Closing):
         if self._rasterizer is not None:
             self._rasterizer.close()
             self._rasterizer = None
+
+
+def _gl_rasterizer(scene: GaussianScene) -> Rasterizer:
+    import_moderngl()
+    from gscpe.render.gl_rasterizer import GlRasterizer
+
+    return GlRasterizer(scene)

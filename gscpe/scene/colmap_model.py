@@ -8,6 +8,7 @@ import numpy as np
 
 from gscpe.errors import CameraError, ColmapModelError, MissingDependencyError
 from gscpe.geometry.camera import Camera
+from gscpe.interrupts import handlers_kept
 from gscpe.scene.references import References
 
 
@@ -20,7 +21,8 @@ def read_colmap_references(model_folder: str | Path, image_folder: str | Path) -
         CameraError: a camera model is not supported.
     """
     try:
-        import pycolmap
+        with handlers_kept():
+            import pycolmap
     except ImportError as error:
         raise MissingDependencyError(
             "reading a COLMAP model needs pycolmap: pip install pycolmap. Where it has no wheel "
