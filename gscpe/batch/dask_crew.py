@@ -169,8 +169,7 @@ class LocalizerPlugin(WorkerPlugin):
 
     def teardown(self, worker: DaskWorker) -> None:
         """Closes what was opened, once it is idle; in its thread."""
-        self._thread.submit(self._stop)
-        self._thread.shutdown(wait=False)
+        self._end()
 
     def _start(self) -> Worker:
         for folder in (self._instructions.map_folder, self._instructions.image_folder):
@@ -182,9 +181,10 @@ class LocalizerPlugin(WorkerPlugin):
                 )
         return Worker.start(self._instructions)
 
-    def _stop(self) -> None:
-        if self._worker.exception() is None:
-            self._worker.result().close()
+    def _end(self) -> None:
+        """Has the thread close what it opened, when it comes to that, and does not wait."""
+        self._thread.submit(_close, self._worker)
+        self._thread.shutdown(wait=False)
 
     def description(self) -> str:
         """What renders, once the map is open."""
@@ -198,10 +198,15 @@ class LocalizerPlugin(WorkerPlugin):
             found = self._thread.submit(self._worker.result().localize, query)
             wait([found], seconds if math.isfinite(seconds) else None)
             if not found.done():
-                self._thread.shutdown(wait=False)
+                self._end()
                 self._begin()
                 return failed_details(query, f"its worker hung (no answer for {seconds:g} s)")
         return found.result()
+
+
+def _close(worker: Future[Worker]) -> None:
+    if worker.exception() is None:
+        worker.result().close()
 
 
 def describe_on_worker(name: str) -> str:

@@ -5,6 +5,7 @@ A process is started, talked to through a pipe, and replaced when it dies.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import multiprocessing
@@ -285,14 +286,15 @@ def _work(pipe: Connection, instructions: Instructions, quiet: bool) -> None:
             pipe.send(Ready(worker.description))
             while True:
                 pipe.send(worker.localize(pipe.recv()))
-    except (EOFError, BrokenPipeError):  # there is nobody to work for any more
+    except (EOFError, ConnectionError):  # there is nobody to work for any more
         return
     except Exception as error:
         if ran_out_of_memory(error):  # its cause would not be sent
             error = MemoryError(str(error))
         elif not isinstance(error, GscpeError):  # a mistake of the program: show where
             error.add_note(traceback.format_exc())
-        pipe.send(_picklable(error))
+        with contextlib.suppress(ConnectionError):
+            pipe.send(_picklable(error))
 
 
 def _picklable(error: Exception) -> Exception:

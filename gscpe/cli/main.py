@@ -64,7 +64,8 @@ def _run(options: argparse.Namespace) -> int:
         return 130
     except Exception as error:
         if ran_out_of_memory(error):
-            say(f"{who}: out of memory: {_one_line(error) or 'it was all taken'}; {_SMALLER}")
+            what = _one_line(error)
+            say(f"{who}: out of memory{f' ({what})' if what else ''}: {_SMALLER}")
             return 3
         # An OSError is what no typed error foresaw: a full disk, a name too long.
         if isinstance(error, (GscpeError, OSError)):

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 HEAVY = (
-    *("faiss", "gaussforge", "matplotlib", "numba", "onnx", "onnxruntime", "PIL"),
+    *("faiss", "gaussforge", "matplotlib", "moderngl", "numba", "onnx", "onnxruntime", "PIL"),
     *("pycolmap", "scipy", "skimage", "trimesh"),
 )
 
