@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Iterable, Mapping, Sequence
@@ -88,7 +89,7 @@ def localize_with(
     # Rewritten, so that a line cut off by the interruption does not stay.
     _write(details_path, finished.values(), "w")
     localized = sum(detail["status"] == "localized" for detail in finished.values())
-    with tqdm(total=len(queries), unit="photo", disable=not progress) as bar:
+    with tqdm(total=len(queries), unit="photo", disable=not (progress and sys.stderr)) as bar:
         bar.update(len(finished))
         for query, detail in crew.run([q for q in queries if q.name not in finished]):
             finished[query.name] = detail | marks

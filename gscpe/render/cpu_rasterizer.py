@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Callable, Iterable
 
@@ -184,7 +185,7 @@ class CpuRasterizer:
             desc="compiling the CPU rasterizer (once)",
             bar_format="{desc} {bar} {elapsed}",
             leave=False,
-            disable=not progress,
+            disable=not (progress and sys.stderr),
         ) as bar:
             self._after_kernel = bar.update
             with interrupts_later():

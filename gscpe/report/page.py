@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import sys
 from importlib import resources
 from pathlib import Path
 from typing import Sequence
@@ -66,7 +67,7 @@ def write_report(
     shown = select_queries(run.details, errors["final"], metric, settings)
     drawn = [
         draw_query(run.details[item.index], localizer, matcher, Path(image_folder), settings)
-        for item in tqdm(shown, desc="drawing queries", disable=not progress)
+        for item in tqdm(shown, desc="drawing queries", disable=not (progress and sys.stderr))
     ]
     page = _page(run, errors, localizer, settings, shown, drawn)
     try:
