@@ -115,14 +115,14 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...
     failures: list[ContextFailure] = []
     no_more_egl = False
     try:
-        moderngl = import_moderngl()
+        create = import_moderngl().create_context
     except RenderError as error:
         return None, (ContextFailure("moderngl", str(error)),)
     for way, options in _ways():
         if no_more_egl and way.startswith("EGL"):
             continue
         try:
-            context = moderngl.create_context(standalone=True, **options())
+            context = create(standalone=True, **options())
         except Exception as error:  # moderngl and glcontext raise plain Exception
             text = str(error)
             # An error about the list of devices, or the library, holds for all of them.
