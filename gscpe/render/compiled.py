@@ -1,4 +1,8 @@
-"""Compiles a loop with Numba, and keeps it on disk where there is a place for that."""
+"""Compiles a loop with Numba, and keeps it on disk where there is a place for that.
+
+Numba compiles anew what has changed in a loop's own file; of a change in this one it knows nothing
+(delete ``__pycache__/*.nb?``).
+"""
 
 from __future__ import annotations
 
@@ -24,14 +28,14 @@ def compiled(fastmath: Collection[str] = ()) -> Callable[[Callable[..., Any]], A
     are kept in a folder of the temporary one, or compiled by each process (said once, in the log).
 
     Args:
-        fastmath: liberties that the compiler may take, as LLVM names them; none by default.
+        fastmath: liberties that the compiler may take, as LLVM names them; without, those of the
+            loop that calls it.
     """
 
+    options: dict[str, Any] = {"fastmath": set(fastmath)} if fastmath else {}
+
     def decorate(loop: Callable[..., Any]) -> Any:
-        liberties = set(fastmath) or False
-        return numba.njit(cache=_has_place(), nogil=True, error_model="numpy", fastmath=liberties)(
-            loop
-        )
+        return numba.njit(cache=_has_place(), nogil=True, error_model="numpy", **options)(loop)
 
     return decorate
 
