@@ -23,8 +23,14 @@ Detail = dict[str, Any]
 _FIELDS = {"name", "camera", "status", "reason", "cam_from_world", "coarse", "aligned"}
 
 
-def result_details(query: Query, result: LocalizationResult) -> Detail:
-    """A result as plain data for JSON (docs/formats.md says what each field is)."""
+def result_details(query: Query, result: LocalizationResult, photo: str | None = None) -> Detail:
+    """A result as plain data for JSON (docs/formats.md says what each field is).
+
+    Args:
+        query: the name and the camera.
+        result: of its photo.
+        photo: fingerprint of the photo's file, where resuming is to compare it.
+    """
     coarse, aligned = result.coarse, result.aligned
     return {
         "name": query.name,
@@ -64,6 +70,7 @@ def result_details(query: Query, result: LocalizationResult) -> Detail:
         },
         "covariance": None if result.covariance is None else result.covariance.tolist(),
         "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
+        "photo": photo,
     }
 
 
@@ -82,6 +89,7 @@ def failed_details(query: Query, reason: str) -> Detail:
         "aligned": None,
         "covariance": None,
         "seconds": {},
+        "photo": None,  # it is done again whatever it holds
     }
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from gscpe.errors import OutputError, SettingsError, TrainingError
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.photo import Photo, read_image, resized_photo, to_photo
+from gscpe.scene.image_file import read_image_of
+from gscpe.scene.photo import Photo, resized_photo, to_photo
 from gscpe.scene.references import References
 from gscpe.scene.write_splat import write_splat
 from gscpe.training.evaluation import Likeness, likeness
@@ -122,7 +123,7 @@ def train_from_colmap(
 def _photo(references: References, index: int, folder: Path, max_size: int) -> Photo:
     path = folder / references.names[index]
     camera = references.cameras[index]
-    image = read_image(path)
+    image = read_image_of(path, camera)
     camera.check_fits(image.shape, f"photo {path}")
     photo = to_photo(image, camera)
     scale = max_size / max(camera.width, camera.height)

@@ -12,7 +12,8 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import TrainingError
 from gscpe.geometry.se3 import check_transform
-from gscpe.render.kernel_threads import KernelThreads, interrupts_later
+from gscpe.interrupts import interrupts_later
+from gscpe.render.kernel_threads import KernelThreads
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.photo import Photo
 from gscpe.training.checkpoint import (
