@@ -40,6 +40,7 @@ def result_details(query: Query, result: LocalizationResult, photo: str | None =
         "cam_from_world": _pose(result.cam_from_world),
         "started_from": result.started_from,
         "reference": result.reference,
+        "orientation": 1 if result.best is None else result.best.orientation,
         "hypotheses": len(result.attempts),
         "coarse": coarse
         and {
