@@ -23,13 +23,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-from gscpe.scene.poses.hloc import read_poses
 
 from gscpe import GaussianScene, Renderer, read_splat
 from gscpe.arrays import Float64Array
 from gscpe.render.kernel_threads import KernelThreads
 from gscpe.scene import Photo, read_image, to_photo
 from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 from gscpe.training.checkpoint import TrainingState
 from gscpe.training.evaluation import likeness

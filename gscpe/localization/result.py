@@ -177,7 +177,12 @@ def _final_pose(
     pose, covariance, contradiction = aligned.cam_from_world, aligned.covariance, 0.0
     if coarse is not None and coarse.cam_from_world is not None and coarse.covariance is not None:
         pose, covariance = fuse_matches_and_alignment(
-            coarse.cam_from_world, coarse.covariance, pose, covariance, settings.fusion
+            coarse.cam_from_world,
+            coarse.covariance,
+            pose,
+            covariance,
+            settings.fusion,
+            aligned.unshared,
         )
         contradiction = focal_contradiction(coarse, camera)
     # A wrong focal length moves matches and alignment alike, so it counts after their mean.

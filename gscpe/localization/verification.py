@@ -137,7 +137,12 @@ def compare_stages(
     if coarse.covariance is None:
         return Comparison(0.0, 0.0, sigma, sigma_degrees)
     _, covariance = fuse_matches_and_alignment(
-        coarse.cam_from_world, coarse.covariance, aligned.cam_from_world, aligned.covariance, fusion
+        coarse.cam_from_world,
+        coarse.covariance,
+        aligned.cam_from_world,
+        aligned.covariance,
+        fusion,
+        aligned.unshared,
     )
     sigma, sigma_degrees = _worst_sigmas(covariance, unit)
     return Comparison(0.0, 0.0, 2.0 * sigma, 2.0 * sigma_degrees)

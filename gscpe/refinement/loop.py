@@ -113,6 +113,9 @@ class RefinementResult:
             depth is between half a metre and 2 m; see :meth:`gscpe.RenderedView.tolerance_unit`.
         converged: whether the last level converged.
         reason: why it failed, or None.
+        unshared: (6, 6), the part of the covariance that is there because photo and render do
+            not show the same gradients (see :class:`gscpe.refinement.PoseUncertainty`): matches
+            between the two know no better. None where the alignment failed.
     """
 
     cam_from_world: Float64Array | None
@@ -128,6 +131,7 @@ class RefinementResult:
     converged: bool
     reason: str | None = None
     by_log_focal: Float64Array | None = None
+    unshared: Float64Array | None = None
 
     def __repr__(self) -> str:
         return short_repr(self)
@@ -218,6 +222,7 @@ def refine_pose(
         anchors=anchors,
         tolerance_unit=tolerance_unit,
         converged=alignment.converged,
+        unshared=uncertainty.unshared,
     )
 
 
