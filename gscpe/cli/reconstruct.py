@@ -60,12 +60,6 @@ def add_reconstruction(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="pictures named like the photos (NAME.png), black where these do not count",
     )
-    parser.add_argument(
-        "--mapper",
-        choices=("incremental", "global"),
-        default="incremental",
-        help="how poses are found: photo after photo, or all at once (default: %(default)s)",
-    )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
 
 
@@ -76,7 +70,6 @@ def reconstruction_settings(options: argparse.Namespace) -> ReconstructionSettin
     return ReconstructionSettings(
         max_size=options.max_size,
         frames=options.frames,
-        mapper=options.mapper,
         seed=options.seed,
     )
 

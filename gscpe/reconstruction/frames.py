@@ -43,12 +43,16 @@ def choose_frames(watched: Sequence[WatchedFrame], count: int) -> list[WatchedFr
         return []
     way = watched[-1].way
     pieces = max(1, min(count, int(way / _LEAST_STEP)))
-    best: dict[int, WatchedFrame] = {}
+    chosen: list[WatchedFrame] = []
+    by_piece: dict[int, list[WatchedFrame]] = {}
     for frame in watched:
         piece = min(int(frame.way / max(way, 1e-9) * pieces), pieces - 1)
-        if piece not in best or frame.sharpness > best[piece].sharpness:
-            best[piece] = frame
-    return [best[piece] for piece in sorted(best)]
+        by_piece.setdefault(piece, []).append(frame)
+    for piece in sorted(by_piece):
+        new = [f for f in by_piece[piece] if not chosen or f.way - chosen[-1].way >= _LEAST_STEP]
+        if new:
+            chosen.append(max(new, key=lambda frame: frame.sharpness))
+    return chosen
 
 
 def watch(path: Path, progress: bool = False) -> list[WatchedFrame]:

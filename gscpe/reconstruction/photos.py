@@ -93,7 +93,7 @@ def prepare_photos(
         best = max(photo.sharpness for photo in photos)
         raise ReconstructionError(
             f"all {len(photos)} photos are blurred (the sharpest has {best:.2f}, where "
-            f"{settings.min_sharpness:g} is needed and 0.4 is usual): hold the camera still, give "
+            f"{settings.min_sharpness:g} is needed and 0.6 is usual): hold the camera still, give "
             "it more light, and clean the lens"
         )
     return photos, unusable
@@ -176,9 +176,8 @@ def _shrunk(image: UInt8Array, max_size: int) -> UInt8Array:
 
 def _encoded(image: UInt8Array, name: str) -> bytes:
     ending = Path(name).suffix.lower()
-    done, data = cv2.imencode(
-        ending, np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    )
+    quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if ending in _KEPT_AS_THEY_ARE else []
+    done, data = cv2.imencode(ending, np.ascontiguousarray(image[:, :, ::-1]), quality)
     if not done:
         raise OutputError(f"this OpenCV cannot write {ending} images")
     return data.tobytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from gscpe.errors import SettingsError
 
@@ -19,7 +18,6 @@ class ReconstructionSettings:
         most_similar: of more, each with the photos that look most like it, ...
         in_order: ... and with so many that come after it, by name or in the video.
         max_features: of a photo.
-        mapper: "incremental" places photo after photo; "global" all at once (GLOMAP).
         min_sharpness: see :func:`gscpe.reconstruction.sharpness`; where no photo reaches it, all
             are blurred.
         seed: of what is sampled.
@@ -34,7 +32,6 @@ class ReconstructionSettings:
     most_similar: int = 20
     in_order: int = 5
     max_features: int = 8192
-    mapper: Literal["incremental", "global"] = "incremental"
     min_sharpness: float = 0.08
     seed: int = 0
 
@@ -49,7 +46,5 @@ class ReconstructionSettings:
             raise SettingsError("each photo must be matched with at least one other")
         if self.max_features < 100:
             raise SettingsError(f"at least 100 features are needed, not {self.max_features}")
-        if self.mapper not in ("incremental", "global"):
-            raise SettingsError(f"the mapper is incremental or global, not {self.mapper!r}")
         if self.seed < 0:
             raise SettingsError(f"seed must be 0 or more, not {self.seed}")
