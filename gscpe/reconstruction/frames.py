@@ -18,6 +18,7 @@ _LOOKED_AT = 480  # pixels, longer side, that motion and sharpness are measured 
 _A_SECOND = 12.0  # frames that are looked at
 _LEAST_STEP = 0.03  # of the picture's width, between two frames that are kept
 _LEAST_WAY = 0.15  # of the width, in the whole video
+_FOLLOWED = 0.08  # of the width, before motion is measured from another frame
 _LOST = 0.25  # of the width: motion where nothing could be followed
 
 
@@ -41,7 +42,7 @@ def choose_frames(watched: Sequence[WatchedFrame], count: int) -> list[WatchedFr
     would be so short that neighbours show the same."""
     if not watched:
         return []
-    way = watched[-1].way
+    way = max(frame.way for frame in watched)
     pieces = max(1, min(count, int(way / _LEAST_STEP)))
     chosen: list[WatchedFrame] = []
     by_piece: dict[int, list[WatchedFrame]] = {}
@@ -78,19 +79,21 @@ def watch(path: Path, progress: bool = False) -> list[WatchedFrame]:
                 if frame is None:
                     continue
                 small = _small_grey(frame)
-                if before is not None:
-                    way += _motion(before, small)
-                watched.append(WatchedFrame(number, way, sharpness(small)))
-                before = small
+                # From a frame a little back: a hand that shakes gets nowhere.
+                moved = 0.0 if before is None else _motion(before, small)
+                watched.append(WatchedFrame(number, way + moved, sharpness(small)))
+                if before is None or moved >= _FOLLOWED:
+                    before, way = small, way + moved
     if not watched:
         raise ReconstructionError(
             f"{path} cannot be decoded; convert it (ffmpeg -i {path.name} -c:v libx264 out.mp4), "
             "or give a folder of photos"
         )
-    if way < _LEAST_WAY:
+    longest = max(frame.way for frame in watched)
+    if longest < _LEAST_WAY:
         raise ReconstructionError(
-            f"{path} hardly moves: the picture shifts by {100 * way:.0f}% of its width in all of "
-            "it. Walk through the place while you film, also sideways"
+            f"{path} hardly moves: the picture shifts by {100 * longest:.0f}% of its width in all "
+            "of it. Walk through the place while you film, also sideways"
         )
     return watched
 
