@@ -66,7 +66,7 @@ def add_parser(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from gscpe.evaluation.table import to_text
-    from gscpe.making import MakeMapSettings, make_map, work_folder_of
+    from gscpe.making import MakeMapSettings, make_map, summary_table, work_folder_of
     from gscpe.reconstruction import ScaleSource
 
     settings = MakeMapSettings(
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
             print(f"{work}: go on from here with --resume", file=sys.stderr)
         raise
     if made.certificate is not None:
-        print(to_text([made.certificate.summary()]))
+        print(to_text([summary_table(made.certificate)]))
         print(made.certificate.explanation())
         print(f"{made.page}: the certificate, with pictures")
     print(f"{made.folder}: {made.gaussians} Gaussians, {made.references} reference photos")

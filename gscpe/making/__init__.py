@@ -2,6 +2,7 @@
 
 from gscpe.making.certificate import Certificate, CertifiedPhoto, certify, read_certificate
 from gscpe.making.certificate_page import write_certificate_page
+from gscpe.making.certificate_tables import photo_table, summary_table
 from gscpe.making.make_map import KnownPoses, MadeMap, make_map, work_folder_of
 from gscpe.making.settings import CertificateSettings, MakeMapSettings
 
@@ -14,7 +15,9 @@ __all__ = [
     "MakeMapSettings",
     "certify",
     "make_map",
+    "photo_table",
     "read_certificate",
+    "summary_table",
     "work_folder_of",
     "write_certificate_page",
 ]

@@ -12,8 +12,7 @@ from tqdm import tqdm
 
 from gscpe.arrays import Float32Array, Float64Array
 from gscpe.errors import MapError
-from gscpe.evaluation.table import Table
-from gscpe.evaluation.text import degrees_text, length_text, number_text, share_text
+from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization import Localizer
 from gscpe.making.settings import CertificateSettings
@@ -147,53 +146,6 @@ class Certificate:
         if count < 5:
             text += f" But {count} photo{'s' * (count > 1)} left out say little."
         return text
-
-    def summary(self) -> Table:
-        """The numbers of the whole."""
-        rows = (
-            ("photos left out", str(len(self.photos))),
-            ("localized", share_text(self.localized)),
-            ("median position error", self.length(self.median_distance)),
-            ("... of the scene's size", f"{number_text(100 * self.relative_error, 3)}%"),
-            ("median rotation error", degrees_text(self.median_degrees)),
-            ("within 0.2% of the scene's size", share_text(self.within(0.002))),
-            ("scene's size", self.length(self.scene_size)),
-            ("PSNR", f"{number_text(self.mean('psnr'), 2)} dB"),
-            ("... with exposure fitted", f"{number_text(self.mean('fitted_psnr'), 2)} dB"),
-            ("SSIM", number_text(self.mean("ssim"), 3)),
-            ("photos that the map is made of", str(self.learned)),
-            ("Gaussians", str(self.gaussians)),
-        )
-        return Table("Certificate", ("", "value"), rows, words=("value",))
-
-    def table(self) -> Table:
-        """A row a photo, the worst first."""
-        rows, records = [], []
-        for photo in self.worst_first():
-            distance = None if photo.distance is None else photo.distance * self.length_unit
-            rows.append(
-                (
-                    photo.name,
-                    length_text(distance, self.metres_per_unit is not None),
-                    degrees_text(photo.degrees),
-                    number_text(photo.psnr, 2),
-                    number_text(photo.fitted_psnr, 2),
-                    number_text(photo.ssim, 3),
-                    photo.reason or "localized",
-                )
-            )
-            records.append(asdict(photo))
-        return Table(
-            "Photos that the map was not made of",
-            ("photo", "position error", "rotation error", "PSNR", "fitted", "SSIM", "result"),
-            tuple(rows),
-            records=tuple(records),
-            words=("result",),
-            tips={
-                "PSNR": "of photo and render at the pose where structure from motion placed it, dB",
-                "fitted": "PSNR with a gain and a bias fitted to each channel, dB",
-            },
-        )
 
     def worst_first(self) -> list[CertifiedPhoto]:
         """Those that were not localized, then by falling error."""

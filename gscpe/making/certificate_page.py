@@ -17,6 +17,7 @@ from gscpe.arrays import Float32Array, UInt8Array
 from gscpe.errors import OutputError
 from gscpe.evaluation.text import degrees_text, number_text, share_text
 from gscpe.making.certificate import Certificate, CertifiedPhoto
+from gscpe.making.certificate_tables import photo_table
 from gscpe.report.encode import data_uris
 from gscpe.scene import to_uint8
 
@@ -86,7 +87,7 @@ def write_certificate_page(
             "facts": tuple((facts or {}).items()),
             "shown": shown,
             "links": {item.name: f"photo-{number}" for number, item in enumerate(shown)},
-            "photos": certificate.table(),
+            "photos": photo_table(certificate),
             "metric": certificate.metres_per_unit is not None,
             "boost": _BOOST,
             "thresholds": (

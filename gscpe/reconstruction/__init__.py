@@ -1,5 +1,6 @@
 """Photos or videos put together to a model of a place (structure from motion, by pycolmap)."""
 
+from gscpe.reconstruction.frame import ModelFrame
 from gscpe.reconstruction.masks import mask_path, read_mask
 from gscpe.reconstruction.reconstruct import Reconstruction, reconstruct
 from gscpe.reconstruction.scale import ScaleSource
@@ -8,6 +9,7 @@ from gscpe.reconstruction.sharpness import sharpness
 from gscpe.reconstruction.work_folder import open_work_folder
 
 __all__ = [
+    "ModelFrame",
     "Reconstruction",
     "ReconstructionSettings",
     "ScaleSource",

@@ -25,10 +25,11 @@ def sharpness(rgb: UInt8Array) -> float:
     Args:
         rgb: (H, W, 3) uint8, or grey, (H, W).
     """
-    grey = rgb if rgb.ndim == 2 else cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    grey = rgb if rgb.ndim == 2 else np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
     scale = _COMPARED / max(grey.shape)
     if scale < 1.0:
-        grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        smaller = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        grey = np.asarray(smaller, np.uint8)
     fine, coarse = (_gradient(grey, sigma) for sigma in (_FINE, _COARSE))
     length = np.linalg.norm(coarse, axis=0)
     edges = _crests(coarse, length) & (length >= _FLAT)

@@ -18,7 +18,9 @@ from gscpe.making import (
     CertificateSettings,
     CertifiedPhoto,
     certify,
+    photo_table,
     read_certificate,
+    summary_table,
     write_certificate_page,
 )
 from gscpe.scene import References, open_map, save_map, write_image
@@ -144,7 +146,7 @@ def test_verdicts(localized: int, distance: float, degrees: float, verdict: str)
     assert certificate.verdict == verdict
     assert f"The map is {verdict}" in certificate.explanation()
     json.loads(certificate.to_json())  # NaN is no JSON
-    assert certificate.table().rows and certificate.summary().rows
+    assert photo_table(certificate).rows and summary_table(certificate).rows
 
 
 def test_shares_within() -> None:
