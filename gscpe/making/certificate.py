@@ -133,7 +133,7 @@ class Certificate:
             measured += (
                 f", typically {self.length(self.median_distance)} "
                 f"({100 * self.relative_error:.2g}% of the scene's size) and "
-                f"{degrees_text(self.median_degrees)} from where they were taken"
+                f"{degrees_text(self.median_degrees)} from where structure from motion placed them"
             )
         advice = {
             "good": "It can be relied on for photos like these.",

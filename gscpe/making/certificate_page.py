@@ -21,7 +21,7 @@ from gscpe.making.certificate_tables import photo_table
 from gscpe.report.encode import data_uris
 from gscpe.scene import to_uint8
 
-_BOOST = 4
+_BOOST = 2
 _QUALITY = 80
 _TITLES = ("Photo", "Render", "Difference")
 

@@ -57,7 +57,8 @@ def extract(
     with _reported("features cannot be extracted", database):
         with pycolmap.Database.open(database) as stored:
             for image in stored.read_all_images():
-                done[image.name] = image.camera_id
+                if stored.exists_keypoints(image.image_id):  # and not killed before
+                    done[image.name] = image.camera_id
         bar = tqdm(total=len(photos), desc="features", unit="photo", disable=not progress)
         with bar:
             bar.update(len(done))

@@ -66,8 +66,8 @@ def prepare_photos(
         The photos, sorted by name; and why others could not be used, by name.
 
     Raises:
-        ReconstructionError: fewer than 3 are left, or all are blurred; a video cannot be decoded or
-            hardly moves.
+        ReconstructionError: fewer than 3 are left, or all are blurred; the only video cannot be
+            decoded or hardly moves.
         OutputError: they cannot be written.
     """
     unusable: dict[str, str] = {}
@@ -81,7 +81,12 @@ def prepare_photos(
             unusable[name] = str(error)
     frames = max(3, settings.frames // max(len(source.videos), 1))
     for name, path in source.videos.items():
-        photos += _prepare_video(name, path, folder, frames, settings.max_size, progress)
+        try:
+            photos += _prepare_video(name, path, folder, frames, settings.max_size, progress)
+        except ReconstructionError as error:
+            if not source.photos and len(source.videos) == 1:
+                raise
+            unusable[name] = str(error)
     photos.sort(key=lambda photo: photo.name)
     if len(photos) < _LEAST_PHOTOS:
         why = f" ({next(iter(unusable.values()))})" if unusable else ""

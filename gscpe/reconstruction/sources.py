@@ -63,6 +63,9 @@ def find_source(paths: Sequence[str | Path]) -> Source:
                 photos[_free(name, photos)] = path
             elif path.suffix.lower() in VIDEO_ENDINGS:
                 videos[_free(name.removesuffix(path.suffix), videos)] = path
+    for name in list(videos):  # an iPhone's Live Photo is a photo with a clip of three seconds
+        if any(path.with_suffix("") == videos[name].with_suffix("") for path in photos.values()):
+            del videos[name]
     if not photos and not videos:
         raise ReconstructionError(
             f"{paths[0]} holds neither photos (.jpg, .png, .heic, ...) nor videos (.mp4, .mov, ...)"
