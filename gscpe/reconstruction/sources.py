@@ -43,18 +43,8 @@ def find_source(paths: Sequence[str | Path]) -> Source:
     photos: dict[str, Path] = {}
     videos: dict[str, Path] = {}
     for root in map(Path, paths):
-        if root.is_dir():
-            files = sorted(p for p in root.rglob("*") if p.is_file() and not _is_hidden(p, root))
-            within = root
-        elif root.is_file():
-            if root.suffix.lower() not in PHOTO_ENDINGS | VIDEO_ENDINGS:
-                raise ReconstructionError(
-                    f"{root} is neither a photo nor a video, by its ending; give a folder of "
-                    f"photos, or a video ({', '.join(sorted(VIDEO_ENDINGS))})"
-                )
-            files, within = [root], root.parent
-        else:
-            raise ReconstructionError(f"there is no folder of photos or video {root}")
+        files = _files_of(root)
+        within = root if root.is_dir() else root.parent
         for path in files:
             name = path.relative_to(within).as_posix()
             if len(paths) > 1 and within is root:
@@ -71,6 +61,19 @@ def find_source(paths: Sequence[str | Path]) -> Source:
             f"{paths[0]} holds neither photos (.jpg, .png, .heic, ...) nor videos (.mp4, .mov, ...)"
         )
     return Source(dict(sorted(photos.items())), dict(sorted(videos.items())))
+
+
+def _files_of(root: Path) -> list[Path]:
+    if root.is_dir():
+        return sorted(p for p in root.rglob("*") if p.is_file() and not _is_hidden(p, root))
+    if not root.is_file():
+        raise ReconstructionError(f"there is no folder of photos or video {root}")
+    if root.suffix.lower() not in PHOTO_ENDINGS | VIDEO_ENDINGS:
+        raise ReconstructionError(
+            f"{root} is neither a photo nor a video, by its ending; give a folder of photos, or a "
+            f"video ({', '.join(sorted(VIDEO_ENDINGS))})"
+        )
+    return [root]
 
 
 def _is_hidden(path: Path, root: Path) -> bool:
