@@ -75,15 +75,9 @@ def test_a_work_folder_is_gone_on_with_or_not_touched(tmp_path: Path) -> None:
 
 
 def test_names_of_sources(tmp_path: Path) -> None:
-    for name in (
-        "a/1.JPG",
-        "a/sub/2.heic",
-        "a/._1.JPG",
-        "a/.thumbs/3.jpg",
-        "b/1.jpg",
-        "b/v.mov",
-        "b/1.mov",
-    ):
+    live_photo = ("b/1.jpg", "b/1.mov")
+    hidden = ("a/._1.JPG", "a/.thumbs/3.jpg")
+    for name in ("a/1.JPG", "a/sub/2.heic", "b/v.mov", *live_photo, *hidden):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"x")
