@@ -9,9 +9,9 @@ from pathlib import Path
 from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.datasets import Dataset
 from gscpe.errors import OutputError, SplatError
-from gscpe.mapping import MapSettings, build_map, check_frames
+from gscpe.mapping import MapSettings, build_map, check_frames, check_map
 from gscpe.retrieval import check_method
-from gscpe.scene import read_splat, save_map
+from gscpe.scene import open_map, read_splat, save_map
 from gscpe.scene.map_folder import check_map_output
 
 _log = logging.getLogger(__name__)
@@ -43,7 +43,15 @@ def ensure_map(
     check_method(settings.retrieval)
     scene = read_splat(splat)
     if settings.check_frames:
-        check_frames(scene, dataset.references, dataset.image_folder, settings.backend, progress)
+        check_frames(
+            scene,
+            dataset.references,
+            dataset.image_folder,
+            metres_per_unit=dataset.metres_per_unit,
+            backend=settings.backend,
+            matcher=settings.matcher,
+            progress=progress,
+        )
     map_settings = MapSettings(
         retrieval=settings.retrieval, metres_per_unit=dataset.metres_per_unit
     )
@@ -54,6 +62,25 @@ def ensure_map(
         note.write_text(recipe)
     except OSError as error:
         raise OutputError(f"{note} cannot be written: {error.strerror}") from error
+    if settings.check_frames:
+        _check_what_was_written(folder, dataset, settings, progress)
+
+
+def _check_what_was_written(
+    folder: Path, dataset: Dataset, settings: BenchmarkSettings, progress: bool
+) -> None:
+    """A map that is not good is benchmarked all the same: its numbers will say how bad it is."""
+    check = check_map(
+        open_map(folder),
+        dataset.image_folder,
+        backend=settings.backend,
+        matcher=settings.matcher,
+        progress=progress,
+    )
+    if check.good:
+        _log.info("%s", check)
+    else:
+        _log.warning("%s is not good: %s", folder, check)
 
 
 def _recipe(dataset: Dataset, splat: Path, settings: BenchmarkSettings) -> str:

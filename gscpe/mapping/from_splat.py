@@ -9,6 +9,7 @@ from typing import Sequence, overload
 import numpy as np
 
 from gscpe.errors import SettingsError
+from gscpe.mapping.reference_photos import reference_photo
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import (
     GaussianScene,
@@ -16,8 +17,6 @@ from gscpe.scene import (
     Map,
     Photo,
     References,
-    read_image,
-    to_photo,
 )
 
 
@@ -96,8 +95,4 @@ class _ReferencePhotos(Sequence[Photo]):
     def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        path = self._folder / self._references.names[index]
-        camera = self._references.cameras[index]
-        image = read_image(path)
-        camera.check_fits(image.shape, f"reference photo {path}")
-        return to_photo(image, camera)
+        return reference_photo(self._references, index, self._folder)
