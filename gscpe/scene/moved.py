@@ -8,7 +8,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry.similarity_transform import Similarity
-from gscpe.scene.gaussians import GaussianScene, normalized_quaternions
+from gscpe.scene.gaussians import GaussianScene, far_origin, normalized_quaternions
 from gscpe.scene.references import References
 
 _DEGREES = 3
@@ -33,15 +33,19 @@ def move_scene(scene: GaussianScene, b_from_a: Similarity) -> GaussianScene:
         rows = slice(degree**2, (degree + 1) ** 2)
         if sh[:, rows].shape[1]:
             sh[:, rows] = np.einsum("ij,njk->nik", sh_rotation(rotation, degree), sh[:, rows])
-    # Means stay relative to an origin, which carries the shift: it may be large.
+    means = scale * scene.means.astype(np.float64) @ rotation.T
+    shift = b_from_a.apply(scene.origin)  # which may be so large that float32 would not do
+    middle = np.median(means, axis=0)
+    extent = float(np.median(np.linalg.norm(means - middle, axis=1)))
+    origin = far_origin(middle + shift, extent)
     return replace(
         scene,
-        means=(scale * scene.means.astype(np.float64) @ rotation.T).astype(np.float32),
+        means=(means + (shift - origin)).astype(np.float32),
         quaternions=normalized_quaternions(turned.as_quat(scalar_first=True)),
         scales=(scale * scene.scales.astype(np.float64)).astype(np.float32),
         sh=sh.astype(np.float32),
         near=scale * scene.near,
-        origin=b_from_a.apply(scene.origin),
+        origin=origin,
     )
 
 
