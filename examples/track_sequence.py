@@ -4,7 +4,7 @@
 Usage: python examples/track_sequence.py MAP QUERIES IMAGES [TRUTH]
 
 QUERIES is a list of frames in order (name MODEL width height params...), IMAGES their folder,
-TRUTH a pose file (name qw qx qy qz tx ty tz) to compare with.
+TRUTH a pose file (hloc, COLMAP, TUM, JSON) to compare with.
 """
 
 from __future__ import annotations
@@ -16,17 +16,15 @@ from collections import Counter
 import numpy as np
 
 import gscpe
-from gscpe.scene.poses.hloc import read_poses
-from gscpe.scene.query_list import read_query_list
 
 
 def main(map_folder: str, queries: str, images: str, truth: str | None = None) -> None:
-    true_poses = read_poses(truth) if truth else {}
+    true_poses = gscpe.read_pose_file(truth).poses if truth else {}
     starts: Counter[str] = Counter()
     seconds, errors = [], []
     result = None
-    with gscpe.Localizer(gscpe.open_map(map_folder)) as localizer:
-        for query in read_query_list(queries):
+    with gscpe.Localizer(map_folder) as localizer:
+        for query in gscpe.read_query_list(queries):
             image = gscpe.read_image(f"{images}/{query.name}")
             begin = time.perf_counter()
             result = localizer.localize(image, query.camera, prior=result)
@@ -36,14 +34,19 @@ def main(map_folder: str, queries: str, images: str, truth: str | None = None) -
                 print(f"{query.name}: not localized: {result.reason}")
             elif query.name in true_poses:
                 error = gscpe.pose_difference(result.cam_from_world, true_poses[query.name])
-                errors.append((100.0 * error.distance, error.degrees))
+                errors.append((error.distance, error.degrees))
     print(f"{len(seconds)} frames, {1.0 / np.median(seconds):.2f} a second (median)")
     print("started from: " + ", ".join(f"{kind} {count}" for kind, count in starts.items()))
     if errors:
-        distance, degrees = np.median(errors, axis=0)
-        worst = np.max(errors, axis=0)
-        print(f"error: median {distance:.2f} cm / {degrees:.3f} deg, ", end="")
-        print(f"worst {worst[0]:.2f} cm / {worst[1]:.3f} deg")
+        for which, (distance, degrees) in (
+            ("median", np.median(errors, axis=0)),
+            ("worst", np.max(errors, axis=0)),
+        ):
+            metres = localizer.map.metres_per_unit
+            length = f"{distance:.4g} map units"
+            if metres is not None:
+                length = f"{100.0 * metres * distance:.2f} cm"
+            print(f"{which} error: {length} / {degrees:.3f} deg")
 
 
 if __name__ == "__main__":

@@ -1,49 +1,248 @@
 """Find where a photo was taken, inside a 3D Gaussian splat.
 
-    map_ = gscpe.open_map("kitchen.gsmap")
     camera = gscpe.Camera.pinhole(640, 480, fx=525.5, fy=525.5, cx=320.0, cy=240.0)
-    with gscpe.Localizer(map_) as localizer:
-        result = localizer.localize(image, camera)
+    with gscpe.Localizer("kitchen.gsmap") as localizer:
+        result = localizer.localize(gscpe.read_image("photo.jpg"), camera)
 
+All that a program needs is in this module (docs/api.md); the modules below it may change.
 Frames, pixel centres and units: docs/conventions.md.
 """
 
-from gscpe.errors import GscpeError
+from typing import TYPE_CHECKING, Any
+
+from gscpe.coarse import (
+    AbsolutePose,
+    CoarseObserver,
+    CoarseResult,
+    CoarseSettings,
+    FocalSettings,
+    PnPSettings,
+)
+from gscpe.errors import (
+    CameraError,
+    ColmapModelError,
+    DatasetError,
+    GscpeError,
+    InputError,
+    MapError,
+    MissingDependencyError,
+    ModelError,
+    OutputError,
+    PhotoError,
+    PoseError,
+    QueryListError,
+    RenderError,
+    SettingsError,
+    SplatError,
+    WorkerError,
+)
 from gscpe.geometry import Camera, PoseDifference, pose_difference
-from gscpe.localization import LocalizationResult, Localizer, LocalizerSettings, PosePrior
-from gscpe.render import RenderedView, Renderer
+from gscpe.geometry.similarity_transform import Similarity
+from gscpe.localization import (
+    Attempt,
+    FusionSettings,
+    LocalizationResult,
+    Localizer,
+    LocalizerSettings,
+    Observer,
+    PosePrior,
+    Start,
+    VerificationSettings,
+)
+from gscpe.mapping import (
+    CheckedReference,
+    FrameCheckSettings,
+    MapCheck,
+    MapCheckSettings,
+    MapSettings,
+    Misfit,
+    RgbdMapSettings,
+    build_map,
+    check_frames,
+    check_map,
+    map_from_rgbd,
+    map_without_references,
+    measure_misfit,
+    read_transform,
+    scene_from_rgbd,
+    with_fitting_axes,
+)
+from gscpe.matching import Matcher, Matches, make_matcher
+from gscpe.refinement import (
+    Alignment,
+    ClippingSettings,
+    LucasKanadeSettings,
+    RefinementObserver,
+    RefinementResult,
+    RefinementSettings,
+    UncertaintySettings,
+    VisibilitySettings,
+)
+from gscpe.render import RenderedView, Renderer, Renders
+from gscpe.retrieval import IndexSettings
 from gscpe.scene import (
+    DescriberModel,
     GaussianScene,
+    GlobalDescriptors,
     Map,
+    MapFrame,
+    Photo,
     References,
     camera_from_exif,
     open_map,
     read_image,
     read_splat,
     save_map,
+    to_photo,
+    write_image,
     write_splat,
 )
+from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.moved import move_references, move_scene
+from gscpe.scene.poses import PoseFile, read_pose_file, write_pose_file
+from gscpe.scene.query_list import Query, read_query_list
+
+if TYPE_CHECKING:
+    from gscpe.benchmark import BenchmarkSettings as BenchmarkSettings
+    from gscpe.benchmark import benchmark_scene as benchmark_scene
+    from gscpe.datasets import Dataset as Dataset
+    from gscpe.datasets import read_cambridge as read_cambridge
+    from gscpe.datasets import read_colmap as read_colmap
+    from gscpe.datasets import read_fast_livo2 as read_fast_livo2
+    from gscpe.datasets import read_rgbd_folder as read_rgbd_folder
+    from gscpe.datasets import read_seven_scenes as read_seven_scenes
+    from gscpe.datasets import read_transforms as read_transforms
+    from gscpe.evaluation import Evaluation as Evaluation
+    from gscpe.evaluation import SceneRun as SceneRun
+    from gscpe.evaluation import evaluate as evaluate
+    from gscpe.report import ReportSettings as ReportSettings
+else:
+    # Importing these takes a third as long as all of the rest, and few programs need them.
+    _ON_DEMAND = {
+        "gscpe.benchmark": ("BenchmarkSettings", "benchmark_scene"),
+        "gscpe.datasets": (
+            *("Dataset", "read_cambridge", "read_colmap", "read_fast_livo2"),
+            *("read_rgbd_folder", "read_seven_scenes", "read_transforms"),
+        ),
+        "gscpe.evaluation": ("Evaluation", "SceneRun", "evaluate"),
+        "gscpe.report": ("ReportSettings",),
+    }
+
+    def __getattr__(name: str) -> Any:
+        from importlib import import_module
+
+        for module, names in _ON_DEMAND.items():
+            if name in names:
+                return getattr(import_module(module), name)
+        raise AttributeError(f"module 'gscpe' has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})
+
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AbsolutePose",
+    "Alignment",
+    "Attempt",
+    "BenchmarkSettings",
     "Camera",
+    "CameraError",
+    "CheckedReference",
+    "ClippingSettings",
+    "CoarseObserver",
+    "CoarseResult",
+    "CoarseSettings",
+    "ColmapModelError",
+    "Dataset",
+    "DatasetError",
+    "DescriberModel",
+    "Evaluation",
+    "FocalSettings",
+    "FrameCheckSettings",
+    "FusionSettings",
     "GaussianScene",
+    "GlobalDescriptors",
     "GscpeError",
+    "IndexSettings",
+    "InputError",
     "LocalizationResult",
     "Localizer",
     "LocalizerSettings",
+    "LucasKanadeSettings",
     "Map",
+    "MapCheck",
+    "MapCheckSettings",
+    "MapError",
+    "MapFrame",
+    "MapSettings",
+    "Matcher",
+    "Matches",
+    "Misfit",
+    "MissingDependencyError",
+    "ModelError",
+    "Observer",
+    "OutputError",
+    "Photo",
+    "PhotoError",
+    "PnPSettings",
     "PoseDifference",
+    "PoseError",
+    "PoseFile",
     "PosePrior",
+    "Query",
+    "QueryListError",
     "References",
+    "RefinementObserver",
+    "RefinementResult",
+    "RefinementSettings",
+    "RenderError",
     "RenderedView",
     "Renderer",
+    "Renders",
+    "ReportSettings",
+    "RgbdMapSettings",
+    "SceneRun",
+    "SettingsError",
+    "Similarity",
+    "SplatError",
+    "Start",
+    "UncertaintySettings",
+    "VerificationSettings",
+    "VisibilitySettings",
+    "WorkerError",
+    "benchmark_scene",
+    "build_map",
     "camera_from_exif",
+    "check_frames",
+    "check_map",
+    "evaluate",
+    "make_matcher",
+    "map_from_rgbd",
+    "map_without_references",
+    "measure_misfit",
+    "move_references",
+    "move_scene",
     "open_map",
     "pose_difference",
+    "read_cambridge",
+    "read_colmap",
+    "read_colmap_references",
+    "read_fast_livo2",
     "read_image",
+    "read_pose_file",
+    "read_query_list",
+    "read_rgbd_folder",
+    "read_seven_scenes",
     "read_splat",
+    "read_transform",
+    "read_transforms",
     "save_map",
+    "scene_from_rgbd",
+    "to_photo",
+    "with_fitting_axes",
+    "write_image",
+    "write_pose_file",
     "write_splat",
 ]

@@ -56,12 +56,20 @@ class SettingsError(InputError):
     """A setting is out of its range, or settings contradict each other."""
 
 
+class TrainingError(InputError):
+    """Photos, poses or a checkpoint cannot be trained from."""
+
+
 class OutputError(GscpeError):
     """A result cannot be written where it was asked to be."""
 
 
 class RenderError(GscpeError):
     """OpenGL is missing, too old, or reported a failure."""
+
+
+class ClosedError(RenderError):
+    """A renderer or a localizer was used after it had been closed, perhaps by another thread."""
 
 
 class MissingDependencyError(GscpeError):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from pathlib import Path
+from types import ModuleType
+from typing import Callable
 
 import numpy as np
 import pytest
@@ -29,6 +32,16 @@ def kitchen() -> Path:
     folder = Path(root) / "redkitchen"
     assert folder.is_dir(), f"GSCPE_DATA is set, but {folder} is missing"
     return folder
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
+    """Imports a tool by name."""
+    tools = Path(__file__).resolve().parents[1] / "tools"
+    if not tools.is_dir():
+        pytest.skip("there are no tools beside the tests")
+    monkeypatch.syspath_prepend(str(tools))
+    return importlib.import_module
 
 
 @pytest.fixture(params=["gl", "cpu"])

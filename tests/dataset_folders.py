@@ -205,7 +205,7 @@ def write_rgbd_folder(
         write_photo(root / "rgb" / f"{stem}.png")
         if form == "matrices":
             write_matrix(root / "poses" / f"{stem}.txt", pose)
-        lines.append(tum_line(stamp, np.linalg.inv(pose)))
+        lines.append(tum_line(stamp, np.asarray(np.linalg.inv(pose), dtype=np.float64)))
         result[f"{stem}.png"] = pose
     if form != "matrices":
         write_lines(root / "trajectory.txt", lines)

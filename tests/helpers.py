@@ -144,13 +144,27 @@ def write_splat(
 
 
 def distorted_projection(camera: Camera, points_in_cam: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels, (N, 2), COLMAP's convention: FULL_OPENCV written out from its definition."""
+    """Pixels, (N, 2), COLMAP's convention: FULL_OPENCV, or the fisheye with thin prisms, written
+    out from its definition."""
+    if camera.fisheye:
+        return _fisheye_projection(camera, points_in_cam)
     k1, k2, p1, p2, k3, k4, k5, k6 = camera.distortion or (0.0,) * 8
     x, y = (points_in_cam[:, :2] / points_in_cam[:, 2:]).T
     r2 = x * x + y * y
     radial = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     v = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
+    return np.stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy], axis=1)
+
+
+def _fisheye_projection(camera: Camera, points_in_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+    k1, k2, p1, p2, k3, k4, s1, s2 = camera.distortion or (0.0,) * 8
+    across = np.linalg.norm(points_in_cam[:, :2], axis=1)
+    angle = np.arctan2(across, points_in_cam[:, 2])
+    x, y = (points_in_cam[:, :2] / np.maximum(across, 1e-300)[:, None] * angle[:, None]).T
+    radial = 1 + k1 * angle**2 + k2 * angle**4 + k3 * angle**6 + k4 * angle**8
+    u = x * radial + 2 * p1 * x * y + p2 * (angle**2 + 2 * x * x) + s1 * angle**2
+    v = y * radial + 2 * p2 * x * y + p1 * (angle**2 + 2 * y * y) + s2 * angle**2
     return np.stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy], axis=1)
 
 

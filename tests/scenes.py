@@ -131,7 +131,7 @@ def camera_rays(camera: Camera) -> NDArray[np.float64]:
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     rays = np.ones((len(pixels), 3))
     rays[:, :2] = (pixels - principal) / focal
-    for _ in range(50 if camera.distortion else 0):
+    for _ in range(0 if camera.is_pinhole else 50):
         rays[:, :2] -= (distorted_projection(camera, rays) - pixels) / focal
     return rays
 

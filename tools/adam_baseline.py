@@ -15,21 +15,24 @@ but the last the anchor is rendered anew when the pose has left it (Algorithm 2)
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, cast
+from typing import Literal
 
 import numpy as np
-from refinement_recorder import Recorder, Trajectory
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array
 from gscpe.geometry import pose_difference, se3
-from gscpe.refinement import RefinementSettings
+from gscpe.refinement import RefinementObserver, RefinementSettings
 from gscpe.refinement.lucas_kanade import Template, build_template, warp
 from gscpe.refinement.pyramid import ImageLevel, anchor_pyramid, photo_pyramid
-from gscpe.render import Renderer
+from gscpe.refinement.sampling import corners
+from gscpe.refinement.visibility import visibility_mask
+from gscpe.render import Renders
 from gscpe.scene import Photo, luminance
 
 _REDONE_METRES, _REDONE_DEGREES = 0.005, 0.5
 """The paper's thresholds of a new render: 0.5 (no unit given, taken as cm) and 0.5 degrees."""
+
+Loss = Literal["l1", "l2"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ class AdamSettings:
     beta2: float = 0.999
     epsilon: float = 1e-8
     iterations: int = 20
-    loss: Literal["l1", "l2"] = "l2"
+    loss: Loss = "l2"
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
 
 
@@ -73,26 +76,25 @@ class Adam:
 
 
 def refine_by_adam(
-    renderer: Any,
+    renderer: Renders,
     photo: Photo,
     start_cam_from_world: Float64Array,
     settings: AdamSettings,
-    metres_per_unit: float | None,
-) -> Trajectory:
-    """Adam in the place of Lucas-Kanade; arguments as of :func:`gscpe.refinement.refine_pose`."""
-    recorder, refinement = Recorder(renderer), settings.refinement
-    recorder.reached(start_cam_from_world)
+    observer: RefinementObserver,
+) -> Float64Array:
+    """The pose, (4, 4), by Adam in the place of Lucas-Kanade; arguments as of
+    :func:`gscpe.refinement.refine_pose`."""
+    refinement = settings.refinement
     valid = np.ones(photo.rgb.shape[:2], dtype=bool) if photo.valid is None else photo.valid
     photos = photo_pyramid(luminance(photo.rgb), valid, photo.camera, refinement.levels)
     cam_from_world = start_cam_from_world
     anchors = None
     for level in range(refinement.levels, -1, -1):
         if anchors is None:
-            view = recorder.render(photo.camera, cam_from_world)
-            unit = view.metres_per_unit(metres_per_unit)
-            mask = recorder.visibility_mask(
-                cast(Renderer, recorder), view, refinement.visibility, unit
-            )
+            view = renderer.render(photo.camera, cam_from_world)
+            observer.anchor_rendered(view)
+            mask = visibility_mask(renderer, view, refinement.visibility, view.tolerance_unit())
+            observer.mask_made(mask)
             anchors = anchor_pyramid(
                 luminance(view.rgb), view.depth, mask, view.camera, level, refinement.lenient_level
             )
@@ -106,18 +108,18 @@ def refine_by_adam(
             _, gradient = photometric_loss(template, photos[level], parameters, settings.loss)
             parameters = parameters + adam.step(gradient)
             parameters[:4] /= np.linalg.norm(parameters[:4])
-            cam_from_world = _transform(parameters) @ view.cam_from_world
-            recorder.reached(cam_from_world)
+            observer.iterated(_transform(parameters))
+        cam_from_world = _transform(parameters) @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
-        if moved.distance * unit > (
-            refinement.rerender_translation or _REDONE_METRES
-        ) or moved.degrees > (refinement.rerender_rotation_degrees or _REDONE_DEGREES):
+        if moved.distance > (refinement.rerender_translation or _REDONE_METRES) or moved.degrees > (
+            refinement.rerender_rotation_degrees or _REDONE_DEGREES
+        ):
             anchors = None
-    return recorder.trajectory()
+    return cam_from_world
 
 
 def photometric_loss(
-    template: Template, photo: ImageLevel, parameters: Float64Array, loss: Literal["l1", "l2"]
+    template: Template, photo: ImageLevel, parameters: Float64Array, loss: Loss
 ) -> tuple[float, Float64Array]:
     """The loss over the template's pixels that the photo shows, and its gradient, (7,).
 
@@ -173,21 +175,10 @@ def sample_with_gradient(
 ) -> tuple[Float32Array, Float32Array, Float32Array, BoolArray]:
     """:func:`gscpe.refinement.sampling.sample_bilinear` and the derivatives of the values, (N,)
     each, by u and v: those of the interpolation, so exact but at the pixel centres."""
-    height, width = photo.image.shape
-    column, row = u - np.float32(0.5), v - np.float32(0.5)
-    inside = (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1)
-    column = np.where(inside, column, np.float32(0.0))
-    row = np.where(inside, row, np.float32(0.0))
-    left, top = column.astype(np.int32), row.astype(np.int32)
-    a, b = column - left, row - top
-    index = top * width + left
-    flat = photo.image.ravel()
-    upper, lower = flat[index], flat[index + width]
-    across_upper, across_lower = flat[index + 1] - upper, flat[index + width + 1] - lower
-    upper, lower = upper + a * across_upper, lower + a * across_lower
-    if not photo.valid.all():
-        allowed = photo.valid.ravel()
-        inside &= allowed[index] & allowed[index + 1]
-        inside &= allowed[index + width] & allowed[index + width + 1]
+    at = corners(photo.image, photo.valid, u, v)
+    a, b = at.right.astype(np.float32), at.down.astype(np.float32)
+    across_upper = at.upper_right - at.upper_left
+    across_lower = at.lower_right - at.lower_left
+    upper, lower = at.upper_left + a * across_upper, at.lower_left + a * across_lower
     by_u = (1 - b) * across_upper + b * across_lower
-    return upper + b * (lower - upper), by_u, lower - upper, inside
+    return upper + b * (lower - upper), by_u, lower - upper, at.inside

@@ -23,12 +23,13 @@ from pathlib import Path
 from typing import Any, Iterator, Sequence
 
 import numpy as np
+from _common import read_queries, redkitchen, table
 
 from gscpe.batch import Crew, Instructions, make_crew
 from gscpe.cores import available_cores
 from gscpe.geometry import pose_difference
 from gscpe.scene.poses.hloc import parse_pose
-from gscpe.scene.query_list import Query, read_query_list
+from gscpe.scene.query_list import Query
 
 
 @dataclass
@@ -51,12 +52,8 @@ def main() -> int:
     parser.add_argument("--dask", action="store_true", help="a local Dask cluster too")
     parser.add_argument("--backend", default="cpu", help="default: %(default)s")
     options = parser.parse_args()
-    data = Path(os.environ.get("GSCPE_DATA", "")) / "redkitchen"
-    if not data.is_dir():
-        print("set GSCPE_DATA to the folder that holds redkitchen/", file=sys.stderr)
-        return 2
-    queries = read_query_list(data / "queries.txt")
-    queries = queries[:: max(1, len(queries) // options.queries)][: options.queries]
+    data = redkitchen()
+    queries = read_queries(data, options.queries)
     instructions = Instructions.of(options.map, data / "queries", backend=options.backend)
     cores = available_cores()
     kinds = [f"1 process, {cores} threads"]
@@ -139,21 +136,22 @@ def _megabytes(pid: int) -> float:
 
 def _print(times: dict[str, Times], count: int) -> None:
     first = next(iter(times.values()))
-    print(f"{count} photos, {available_cores()} cores, {len(first.seconds)} rounds, medians")
-    print()
-    print(
-        "| | photos a minute | ratio | processor s a photo | s to start | memory MB | "
-        "poses as in one process |"
-    )
-    print("|---|---|---|---|---|---|---|")
+    print(f"{count} photos, {available_cores()} cores, {len(first.seconds)} rounds, medians\n")
+    rows = []
     for kind, taken in times.items():
-        rate = 60 * count / np.median(taken.seconds)
-        ratio = np.median(np.divide(first.seconds, taken.seconds))
-        print(
-            f"| {kind} | {rate:.0f} | {ratio:.2f} | "
-            f"{np.median(taken.processor) / count:.2f} | {np.median(taken.start):.1f} | "
-            f"{np.median(taken.megabytes):.0f} | {_agreement(first.details, taken.details)} |"
+        numbers = (
+            f"{60 * count / np.median(taken.seconds):.0f}",
+            f"{np.median(np.divide(first.seconds, taken.seconds)):.2f}",
+            f"{np.median(taken.processor) / count:.2f}",
+            f"{np.median(taken.start):.1f}",
+            f"{np.median(taken.megabytes):.0f}",
         )
+        rows.append([kind, *numbers, _agreement(first.details, taken.details)])
+    table(
+        ["", "photos a minute", "ratio", "processor s a photo", "s to start", "memory MB",
+         "poses as in one process"],
+        rows,
+    )  # fmt: skip
 
 
 def _agreement(first: dict[str, Any], other: dict[str, Any]) -> str:

@@ -2,9 +2,10 @@
 """Whether errors are as large as their covariances say, on four kinds of scenes.
 
 The normalized error squared averages 6 where covariances are right; more where they promise
-too much. Kinds: the real queries of RedKitchen ($GSCPE_DATA); pictures rendered of its map,
-darkened and noisy, from poses that are known exactly; ray-cast rooms in maps of one RGB-D photo,
-from beside; and the Motorcycle pair. Without $GSCPE_DATA, the last two.
+too much. Errors of the coarse, the aligned and the final pose stand beside it. Kinds: the real
+queries of RedKitchen ($GSCPE_DATA); pictures rendered of its map, darkened and noisy, from poses
+that are known exactly; ray-cast rooms in maps of one RGB-D photo, from beside; and the Motorcycle
+pair. Without a map, the last two.
 
 Usage: .venv/bin/python tools/bench_covariance.py [MAP] [--queries N] [--plot FILE.png]
 """
@@ -14,17 +15,26 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Iterator
+from typing import Iterator, Sequence
 
 import numpy as np
-from refinement_cases import new_figure, read_cases, redkitchen, save_figure, share, table
+from _common import (
+    Error,
+    error_of,
+    new_figure,
+    read_cases,
+    redkitchen,
+    save_figure,
+    share,
+    table,
+)
 from scipy.stats import chi2
 
 from gscpe import Camera, LocalizationResult, Localizer, open_map
-from gscpe.arrays import Float64Array, UInt8Array
-from gscpe.demo import load_motorcycle
+from gscpe.arrays import Float32Array, Float64Array, UInt8Array
+from gscpe.demo.motorcycle import load_motorcycle
 from gscpe.evaluation import normalized_error_squared
-from gscpe.geometry import pose_difference, se3
+from gscpe.geometry import se3
 from gscpe.mapping import map_from_rgbd
 from gscpe.scene import Map
 
@@ -38,15 +48,15 @@ View = tuple[UInt8Array, Camera, Float64Array]
 """A photo, its camera, and its true pose."""
 
 
-def real_queries(localizer: Localizer, data: Path, count: int) -> Iterator[View]:
-    for case in read_cases(localizer, data, count):
+def real_queries(data: Path, count: int) -> Iterator[View]:
+    for case in read_cases(data, count):
         yield case.image, case.query.camera, case.truth
 
 
 def rendered_queries(localizer: Localizer, data: Path, count: int) -> Iterator[View]:
     """The map as the queries' cameras see it: what is wrong with real photos and maps is not."""
     rng = np.random.default_rng(0)
-    for case in read_cases(localizer, data, count):
+    for case in read_cases(data, count):
         view = localizer.render(case.query.camera, case.truth)
         yield degraded(view.rgb, rng), case.query.camera, case.truth
 
@@ -67,7 +77,7 @@ def ray_cast_rooms(count: int) -> Iterator[tuple[Map, list[View]]]:
         yield map_from_rgbd(shot.uint8, shot.depth, camera, ROOM_POSE), views
 
 
-def degraded(rgb: Float64Array, rng: np.random.Generator) -> UInt8Array:
+def degraded(rgb: Float32Array | Float64Array, rng: np.random.Generator) -> UInt8Array:
     """A little darker, and noisy."""
     changed = 0.92 * rgb + 0.02 + _NOISE * rng.normal(size=rgb.shape)
     return np.asarray(np.rint(255.0 * np.clip(changed, 0.0, 1.0)), dtype=np.uint8)
@@ -80,7 +90,7 @@ class Kind:
         self.name = name
         self.lost = 0
         self.normalized: dict[str, list[float]] = {stage: [] for stage in STAGES}
-        self.errors: list[tuple[float, float]] = []
+        self.errors: dict[str, list[Error]] = {stage: [] for stage in STAGES}
 
     def add(self, result: LocalizationResult, truth: Float64Array) -> None:
         if result.cam_from_world is None:
@@ -93,40 +103,48 @@ class Kind:
             self.normalized[stage].append(
                 normalized_error_squared(found.cam_from_world, found.covariance, truth)
             )
-        error = pose_difference(result.cam_from_world, truth)
-        self.errors.append((1000.0 * error.distance, error.degrees))
+            self.errors[stage].append(error_of(found.cam_from_world, truth))
 
     def rows(self) -> Iterator[list[str]]:
         limit = chi2(_DEGREES_OF_FREEDOM).ppf(0.95)
-        millimetres, degrees = np.median(self.errors, axis=0)
         for stage, values in self.normalized.items():
-            error = f"{millimetres:.3f} mm / {degrees:.4f}°" if stage == "final" else ""
+            errors = self.errors[stage]
+            worse = [
+                e.centimetres - c.centimetres
+                for e, c in zip(errors, self.errors["coarse"], strict=True)
+            ]
             yield [
                 f"{self.name}, {stage}",
                 str(len(values)),
                 f"{np.mean(values):.2f}",
                 f"{np.median(values):.2f}",
                 share([value <= limit for value in values]),
-                error,
+                _millimetres(errors),
+                f"{10 * max(worse):.2f} mm" if stage != "coarse" else "",
             ]
+
+
+def _millimetres(errors: Sequence[Error]) -> str:
+    millimetres = 10.0 * np.median([error.centimetres for error in errors])
+    return f"{millimetres:.3f} mm / {np.median([error.degrees for error in errors]):.4f}°"
 
 
 def measure(map_folder: str | None, count: int) -> list[Kind]:
     kinds = []
-    data = redkitchen()
-    if data is not None and map_folder is not None:
+    if map_folder is not None:
+        data = redkitchen()
         with Localizer(open_map(map_folder)) as localizer:
             for name, views in (
-                ("RedKitchen, photos", real_queries(localizer, data, count)),
+                ("RedKitchen, photos", real_queries(data, count)),
                 ("RedKitchen, renders", rendered_queries(localizer, data, -(-count // 4))),
             ):
                 kinds.append(Kind(name))
                 for image, camera, truth in views:
                     kinds[-1].add(localizer.localize(image, camera), truth)
     kinds.append(Kind("ray-cast rooms"))
-    for map_, views in ray_cast_rooms(-(-count // 4)):
+    for map_, shots in ray_cast_rooms(-(-count // 4)):
         with Localizer(map_) as localizer:
-            for image, camera, truth in views:
+            for image, camera, truth in shots:
                 kinds[-1].add(localizer.localize(image, camera), truth)
     kinds.append(Kind("Motorcycle"))
     pair = load_motorcycle()
@@ -162,12 +180,13 @@ def main() -> int:
         parser.error("--queries must be at least 1")
     kinds = measure(options.map, options.queries)
     headings = ["", "photos", "mean", "median", "below 95% limit", "median error"]
+    headings.append("most that a photo is worse than its coarse pose")
     table(headings, (row for kind in kinds for row in kind.rows()))
     for kind in kinds:
         if kind.lost:
             print(f"{kind.name}: {kind.lost} not localized")
     if options.plot:
-        draw([kind for kind in kinds if len(kind.errors) > 1], options.plot)
+        draw([kind for kind in kinds if len(kind.errors["final"]) > 1], options.plot)
     return 0
 
 

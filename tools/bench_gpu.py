@@ -28,7 +28,7 @@ from gscpe.geometry import pose_difference
 from gscpe.render.cpu_rasterizer import CpuRasterizer
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.visibility_order import VisibilityOrder
-from gscpe.scene.pose_file import read_poses
+from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 
 CAMERA = Camera.pinhole(640, 480, fx=525.505, fy=525.505, cx=320.0, cy=240.0)

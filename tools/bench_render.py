@@ -4,8 +4,7 @@
 Usage: .venv/bin/python tools/bench_render.py MAP_OR_PLY [--growth] [--plot PNG] [--repeats N]
 
 A whole call is timed: pose in, NumPy arrays (colour, opacity, depth, variance) out. The
-rasterizers take turns, so that a change of the machine's speed hits them alike. "plain" is
-OpenGL without gscpe's first pass, see tools/plain_quads.py.
+rasterizers take turns, so that a change of the machine's speed hits them alike.
 
 --growth: also larger scenes, made by tiling the splat in space. Each scene and rasterizer gets
 a process of its own, so that the memory is theirs alone.
@@ -23,24 +22,21 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, Sequence
+from typing import Any, Sequence
 
 import numpy as np
-from plain_quads import PlainQuads
+from _common import new_figure, save_figure, table
 
 from gscpe import Camera, GaussianScene, Renderer, open_map, read_splat
 from gscpe.arrays import Float64Array
 from gscpe.errors import RenderError
+from gscpe.render import Renders
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.visibility_order import VisibilityOrder
 
 SIZES = ((1280, 960), (640, 480), (320, 240), (160, 120))
 COUNTS = (100_000, 300_000, 1_000_000, 3_000_000)
 PLACES = 3
-
-
-class Renders(Protocol):
-    def render(self, camera: Camera, cam_from_world: Float64Array) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -87,50 +83,34 @@ def by_size(
 ) -> dict[tuple[int, int], dict[str, float]]:
     """Prints and returns milliseconds by size and rasterizer."""
     times: dict[tuple[int, int], dict[str, float]] = {}
-    plain = PlainQuads(scene)
     with Renderer(scene, "gl") as gl, Renderer(scene, "cpu") as cpu:
-        print(f"gl: {gl.description}; cpu: {cpu.description}")
-        print()
+        print(f"gl: {gl.description}; cpu: {cpu.description}\n")
         for size in SIZES:
-            values = _time((gl, plain, cpu), _camera(*size), poses, repeats)
-            times[size] = dict(zip(("gl", "plain", "cpu"), values, strict=True))
-    plain.close()
+            values = _time((gl, cpu), _camera(*size), poses, repeats)
+            times[size] = dict(zip(("gl", "cpu"), values, strict=True))
     order = VisibilityOrder(scene)
-    print(
-        "| size | Gaussians in view | plain, ms | gl, ms | gl / plain | cpu, ms | cpu / gl | "
-        "cpu, of 640x480 |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    rows = []
     for size, its in times.items():
         drawn = np.mean([len(order.back_to_front(_camera(*size), pose)) for pose in poses])
-        gl_ms, plain_ms, cpu_ms = its["gl"], its["plain"], its["cpu"]
-        print(
-            f"| {size[0]}x{size[1]} | {drawn:.0f} | {plain_ms:.0f} | {_short(gl_ms)} | "
-            f"{gl_ms / plain_ms:.2f} | {cpu_ms:.0f} | {cpu_ms / gl_ms:#.3g} | "
-            f"{cpu_ms / times[640, 480]['cpu']:.2f} |"
-        )
+        rows.append(
+            [f"{size[0]}x{size[1]}", f"{drawn:.0f}", f"{its['gl']:.0f}", f"{its['cpu']:.0f}",
+             f"{its['cpu'] / its['gl']:.3f}", f"{its['cpu'] / times[640, 480]['cpu']:.2f}"]
+        )  # fmt: skip
+    table(["size", "Gaussians in view", "gl, ms", "cpu, ms", "cpu / gl", "cpu, of 640x480"], rows)
     print()
     return times
 
 
-def _short(milliseconds: float) -> str:
-    """A GPU takes few of them."""
-    return f"{milliseconds:.0f}" if milliseconds >= 20.0 else f"{milliseconds:.2f}"
-
-
 def sorting(scene: GaussianScene, poses: Float64Array) -> None:
-    """Prints whole OpenGL calls with the sort by NumPy and blending, and by compute shaders."""
+    """Prints whole OpenGL calls with the sort by NumPy and by compute shaders."""
     by_numpy = GlRasterizer(scene, gpu_sort=False)
     try:
         by_gpu = GlRasterizer(scene, gpu_sort=True)
     except RenderError as error:
-        print(f"no compute shaders: {error}")
+        print(f"no sort by compute shaders: {error}")
     else:
         numpy_ms, gpu_ms = _time((by_numpy, by_gpu), _camera(320, 240), poses, 5)
-        print(
-            f"gl at 320x240, sorted by NumPy and blended {numpy_ms:.1f} ms, "
-            f"all by compute shaders {gpu_ms:.1f}"
-        )
+        print(f"gl at 320x240, sorted by NumPy {numpy_ms:.0f} ms, by compute shaders {gpu_ms:.0f}")
         by_gpu.close()
     by_numpy.close()
     print()
@@ -140,20 +120,19 @@ def growth(path: Path, repeats: int) -> dict[tuple[int, str], Case]:
     """Prints and returns cases by the number of Gaussians and the rasterizer."""
     cases: dict[tuple[int, str], Case] = {}
     processes = multiprocessing.get_context("spawn")
-    print("| Gaussians | in view | cpu, ms | gl, ms | cpu, MB | gl, MB |")
-    print("|---|---|---|---|---|---|")
     for count in COUNTS:
         for backend in ("cpu", "gl"):
             with processes.Pool(1) as pool:
                 cases[count, backend] = pool.apply(_case, (path, count, backend, repeats))
-        cpu, gl = cases[count, "cpu"], cases[count, "gl"]
-        print(
-            f"| {count} | {cpu.in_view} | {cpu.milliseconds:.0f} | {gl.milliseconds:.0f} | "
-            f"{cpu.megabytes:.0f} | {gl.megabytes:.0f} |",
-            flush=True,
-        )
-    print()
-    print("640x480, one view; MB: the most that the process held while it rendered.")
+    rows = []
+    for count in COUNTS:
+        both = [cases[count, backend] for backend in ("cpu", "gl")]
+        rows.append(
+            [str(count), str(both[0].in_view), *(f"{case.milliseconds:.0f}" for case in both),
+             *(f"{case.megabytes:.0f}" for case in both)]
+        )  # fmt: skip
+    table(["Gaussians", "in view", "cpu, ms", "gl, ms", "cpu, MB", "gl, MB"], rows)
+    print("\n640x480, one view; MB: the most that the process held while it rendered.")
     return cases
 
 
@@ -191,12 +170,7 @@ def plot(
     path: Path,
 ) -> None:
     """Time against Gaussians and against pixels, both axes logarithmic."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(9, 3.6), dpi=80, sharey=True)
+    figure, (left, right) = new_figure(2, 9, 3.6)
     for backend, style in (("gl", "s--"), ("cpu", "o-")):
         milliseconds = [cases[count, backend].milliseconds for count in COUNTS]
         _line(left, COUNTS, milliseconds, style, backend)
@@ -207,10 +181,7 @@ def plot(
     right.set_xlabel("pixels, whole splat")
     left.set_ylabel("milliseconds a call")
     left.legend()
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, metadata={"Software": None})
-    pyplot.close(figure)
+    save_figure(figure, path)
 
 
 def _line(axes: Any, x: Sequence[float], y: Sequence[float], style: str, label: str) -> None:

@@ -24,10 +24,11 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Callable
+from typing import Callable, Iterator
 
 import cv2
 import numpy as np
+from _common import read_cases, redkitchen, table
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from gscpe.errors import ModelError
@@ -48,11 +49,8 @@ from gscpe.retrieval import (
     search,
     xfeat,
 )
-from gscpe.scene import read_image, read_splat
+from gscpe.scene import read_image, read_splat, to_uint8
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.photo import to_uint8
-from gscpe.scene.poses.hloc import read_poses
-from gscpe.scene.query_list import read_query_list
 
 NEAR, NEAR_DEGREES, OVERLAP = 1.0, 30.0, 0.5
 GRID = (64, 48)
@@ -71,19 +69,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--gap", type=int, default=100, help="frames, default: %(default)s")
     parser.add_argument("--seeds", type=int, default=5, help="default: %(default)s")
-    parser.add_argument("--every", type=int, default=1, help="only every N-th query")
+    parser.add_argument("--queries", type=int, default=100, help="so many, evenly spaced")
     parser.add_argument("--onnx", metavar="PATH", help="an exported network, too")
     parser.add_argument("--index", type=float, metavar="COUNT", help="time the search of as many")
     parser.add_argument("--dimension", type=int, default=512, help="of them")
     parser.add_argument("--probes", type=int, default=IndexSettings.probes, help="of the index")
     options = parser.parse_args()
     if options.index:
-        return bench_index(int(options.index), options.dimension, options.probes)
-    data = Path(os.environ.get("GSCPE_DATA", "")) / "redkitchen"
-    if not data.is_dir():
-        print("set GSCPE_DATA to the folder that holds redkitchen/", file=sys.stderr)
-        return 2
-    return bench_redkitchen(data, methods(options.onnx), options)
+        bench_index(int(options.index), options.dimension, options.probes)
+        return 0
+    bench_redkitchen(redkitchen(), methods(options.onnx), options)
+    return 0
 
 
 def methods(onnx: str | None) -> list[Method]:
@@ -92,16 +88,8 @@ def methods(onnx: str | None) -> list[Method]:
         network = XFeat()
         found.append(Method("vlad-xfeat (full size)", xfeat(network), 128))
         for count in (500, 2048):
-            found.append(
-                Method(
-                    f"XFeat, full size, {count}",
-                    partial(best_xfeats, network, count),
-                    128,
-                )
-            )
-        extract = xfeat(network)
-        found.append(Method("XFeat, full size, 64 words", extract, 64))
-        found.append(Method("XFeat, 320", lambda rgb: extract(shrunk(rgb)), 128))
+            name = f"vlad-xfeat, {count} features"
+            found.append(Method(name, partial(best_xfeats, network, count), 128))
     except ModelError as error:
         print(error, file=sys.stderr)
     if onnx:
@@ -114,27 +102,18 @@ def best_xfeats(network: XFeat, count: int, rgb: UInt8Array) -> Float32Array:
     return network.detect(rgb, count).descriptors
 
 
-def shrunk(rgb: UInt8Array) -> UInt8Array:
-    height, width = rgb.shape[:2]
-    scale = 320 / max(height, width)
-    size = (round(width * scale), round(height * scale))
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
 def degraded(rgb: UInt8Array) -> UInt8Array:
     return np.asarray(0.8 * cv2.GaussianBlur(rgb, (0, 0), 1.5), dtype=np.uint8)
 
 
-def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespace) -> int:
+def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespace) -> None:
     references = read_colmap_references(data / "sparse" / "0", data / "references")
-    truth = read_poses(data / "truth.txt")
-    queries = read_query_list(data / "queries.txt")
     photos = [read_image(data / "references" / name) for name in references.names]
-    asked = [*photos, *(read_image(data / "queries" / query.name) for query in queries)]
-    names = [*references.names, *(query.name for query in queries)]
-    poses = [*references.cam_from_world, *(truth[query.name] for query in queries)]
-    cameras = [*references.cameras, *(query.camera for query in queries)]
-    asked, names = asked[:: options.every], names[:: options.every]
+    cases = read_cases(data, options.queries)
+    asked = [*photos, *(case.image for case in cases)]
+    names = [*references.names, *(case.query.name for case in cases)]
+    poses = [*references.cam_from_world, *(case.truth for case in cases)]
+    cameras = [*references.cameras, *(case.query.camera for case in cases)]
     with Renderer(read_splat(data / "splat.ply")) as renderer:
         depths = [
             renderer.render(camera.resized(*GRID), pose).depth
@@ -144,46 +123,46 @@ def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespac
             to_uint8(renderer.render(camera, pose).rgb)
             for camera, pose in zip(references.cameras, references.cam_from_world, strict=True)
         ]
-    overlap = overlaps(poses, cameras, depths, len(photos))[:: options.every]
-    near = nearness(poses, len(photos))[:: options.every]
+    overlap = overlaps(poses, cameras, depths, len(photos))
+    near = nearness(poses, len(photos))
     frames = np.array([int(re.findall(r"\d+", name)[0]) for name in names])
-    gap = np.abs(frames[:, None] - [int(re.findall(r"\d+", name)[0]) for name in references.names])
-    allowed = gap > options.gap
+    allowed = np.abs(frames[:, None] - frames[: len(photos)]) > options.gap
+    have = [float((good & allowed).any(axis=1).mean()) for good in (near, overlap >= OVERLAP)]
     print(
         f"{len(asked)} queries, {len(photos)} references, those within {options.gap} frames "
-        f"excluded; {options.seeds} vocabularies"
+        f"excluded; {options.seeds} vocabularies\n"
+        f"{have[0]:.0%} of the queries have a reference within {NEAR:g} m/{NEAR_DEGREES:g}°, "
+        f"{have[1]:.0%} one that sees {OVERLAP:.0%} of them; only these count in the columns\n"
     )
-    print(
-        f"{np.mean((near & allowed).any(axis=1)):.0%} of the queries have a reference within "
-        f"{NEAR:g} m/{NEAR_DEGREES:g}°, {np.mean(((overlap >= OVERLAP) & allowed).any(axis=1)):.0%}"
-        f" one that sees {OVERLAP:.0%} of them; only these count in the columns\n"
-    )
-    print(
-        f"| references are | method | {NEAR:g} m/{NEAR_DEGREES:g}°: top 1 | of top 3 | "
-        f"sees {OVERLAP:.0%}: top 1 | of top 3 | overlap of top 1, of the possible | ms a photo |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
     kinds = {
         "photos": photos,
         "renders": renders,
         "degraded renders": [degraded(image) for image in renders],
     }
-    for method in found:
-        begin = time.perf_counter()
-        local_queries = [method.extract(image) for image in asked]
-        milliseconds = 1000 * (time.perf_counter() - begin) / len(asked)
-        for kind, database in kinds.items():
-            local = [method.extract(image) for image in database]
-            rows = [
-                shares(method, seed, local, local_queries, near, overlap, allowed)
-                for seed in range(options.seeds if method.words else 1)
-            ]
-            cells = " | ".join(
-                f"{np.mean(column):.2f} ({min(column):.2f}–{max(column):.2f})"  # noqa: RUF001
-                for column in zip(*rows, strict=True)
-            )
-            print(f"| {kind} | {method.name} | {cells} | {milliseconds:.0f} |", flush=True)
-    return 0
+
+    def rows() -> Iterator[list[str]]:
+        for method in found:
+            begin = time.perf_counter()
+            local_queries = [method.extract(image) for image in asked]
+            milliseconds = f"{1000 * (time.perf_counter() - begin) / len(asked):.0f}"
+            for kind, database in kinds.items():
+                local = [method.extract(image) for image in database]
+                of_seed = [
+                    shares(method, seed, local, local_queries, near, overlap, allowed)
+                    for seed in range(options.seeds if method.words else 1)
+                ]
+                cells = (
+                    f"{np.mean(column):.2f} ({min(column):.2f} to {max(column):.2f})"
+                    for column in zip(*of_seed, strict=True)
+                )
+                yield [kind, method.name, *cells, milliseconds]
+
+    table(
+        ["references are", "method", f"{NEAR:g} m/{NEAR_DEGREES:g}°: top 1", "of top 3",
+         f"sees {OVERLAP:.0%}: top 1", "of top 3", "overlap of top 1, of the possible",
+         "ms a photo"],
+        rows(),
+    )  # fmt: skip
 
 
 def shares(
@@ -244,7 +223,7 @@ def overlaps(
     return result
 
 
-def bench_index(count: int, dimension: int, probes: int) -> int:
+def bench_index(count: int, dimension: int, probes: int) -> None:
     """Synthetic places on a 32-dimensional surface with noise; queries 0.6 to 0.8 similar."""
     rng = np.random.default_rng(0)
     surface = rng.normal(size=(32, dimension)).astype(np.float32) / np.sqrt(32)
@@ -259,14 +238,12 @@ def bench_index(count: int, dimension: int, probes: int) -> int:
     queries = queries + (0.9 / np.sqrt(dimension)) * rng.normal(size=queries.shape)
     queries = np.asarray(queries / np.linalg.norm(queries, axis=1, keepdims=True), np.float32)
     exact, milliseconds = timed(lambda query: search(query, descriptors, 3), queries)
+    alike = np.median([found[0].similarity for found in exact])
     print(
-        f"{count} descriptors of {dimension}, {os.cpu_count()} cores; queries are similar to ",
-        end="",
+        f"{count} descriptors of {dimension}, {os.cpu_count()} cores; queries are similar to "
+        f"their reference by {alike:.2f}\n"
     )
-    print(f"their reference by {np.median([found[0].similarity for found in exact]):.2f}\n")
-    print("| search | build s | ms a query | recall@1 | recall@3 | peak memory GB |")
-    print("|---|---|---|---|---|---|")
-    print(f"| matrix product | 0 | {milliseconds:.1f} | 1 | 1 | {memory():.1f} |", flush=True)
+    rows = [["matrix product", "0", f"{milliseconds:.1f}", "1", "1", f"{memory():.1f}"]]
     begin = time.perf_counter()
     index = ReferenceIndex(descriptors, IndexSettings(0, exact_queries=0, probes=probes))
     seconds = time.perf_counter() - begin
@@ -277,11 +254,11 @@ def bench_index(count: int, dimension: int, probes: int) -> int:
     ]
     first = np.mean([a[0] == b[0] for a, b in pairs])
     three = np.mean([len({*a} & {*b}) / 3 for a, b in pairs])
-    print(
-        f"| index, {probes} probes | {seconds:.0f} | {milliseconds:.1f} | {first:.2f} | "
-        f"{three:.2f} | {memory():.1f} |"
-    )
-    return 0
+    rows.append(
+        [f"index, {probes} probes", f"{seconds:.0f}", f"{milliseconds:.1f}", f"{first:.2f}",
+         f"{three:.2f}", f"{memory():.1f}"]
+    )  # fmt: skip
+    table(["search", "build s", "ms a query", "recall@1", "recall@3", "peak memory GB"], rows)
 
 
 def timed(

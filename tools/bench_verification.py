@@ -3,21 +3,20 @@
 
 Localizes the queries, some of them half covered or dark and blurred, and photos of other
 places, all without thresholds; and refines queries from priors beside the truth. Prints how
-many the thresholds of VerificationSettings let pass, how far each lies from either kind, and
-what it would be in the middle (docs/how-it-works.md, Verification).
+many the thresholds of VerificationSettings let pass, and how far each lies from either kind
+(docs/how-it-works.md, Verification).
 
-Usage: .venv/bin/python tools/bench_verification.py MAP --output FILE.jsonl [--reuse]
-                        [--matcher NAME] [--every N] [--changed-every N] [--plot FILE.png]
+Usage: .venv/bin/python tools/bench_verification.py MAP --evidence FILE.jsonl [--matcher NAME]
+           [--queries N] [--changed-every N] [--tracked N] [--hypotheses N] [--plot FILE.png]
 
-A photo takes one to three seconds on two cores. The evidence is kept in FILE.jsonl; with
---reuse, what is there already is not measured again.
+A photo takes one to three seconds on two cores. What is in FILE.jsonl already is not measured
+again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import zlib
 from dataclasses import asdict, replace
@@ -25,20 +24,18 @@ from pathlib import Path
 from typing import Any, Iterable, Mapping
 
 import numpy as np
-from tqdm import tqdm
+from _common import progress, read_queries, redkitchen
 from verification_photos import Sample, of_elsewhere, of_redkitchen
-from verification_report import plot_roc, print_report, print_tracking
+from verification_report import TRACKING, plot_roc, print_report
 
-from gscpe import Localizer, LocalizerSettings, PosePrior, open_map
+from gscpe import LocalizationResult, Localizer, LocalizerSettings, open_map
 from gscpe.arrays import Float64Array
 from gscpe.geometry import pose_difference, se3
-from gscpe.localization.attempt import Attempt, Query, Start, to_result
-from gscpe.localization.clock import Clock
-from gscpe.localization.verification import VerificationSettings, compare_stages, inlier_spread
+from gscpe.localization import Attempt, VerificationSettings
+from gscpe.localization.verification import compare_stages, inlier_spread
 from gscpe.refinement import RefinementResult, refine_pose
-from gscpe.scene import Map, to_photo
-from gscpe.scene.poses.hloc import read_poses
-from gscpe.scene.query_list import read_query_list
+from gscpe.scene import MapFrame, to_photo
+from gscpe.scene.poses import read_pose_file
 
 NO_THRESHOLDS = VerificationSettings(
     min_inliers=0,
@@ -51,46 +48,38 @@ NO_THRESHOLDS = VerificationSettings(
     max_sigma=np.inf,
     max_sigma_degrees=np.inf,
 )
-TRACKING = "tracking"
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("map", help="of RedKitchen, from gscpe build-map")
-    parser.add_argument("--output", type=Path, required=True, help="evidence, JSON lines")
-    parser.add_argument("--reuse", action="store_true", help="keep the evidence that is there")
+    parser.add_argument("--evidence", type=Path, required=True, help="file of JSON lines")
     parser.add_argument("--matcher", default="auto", metavar="NAME", help="as gscpe localize has")
-    parser.add_argument("--every", type=int, default=1, help="only every N-th query")
-    parser.add_argument("--changed-every", type=int, default=3, help="... of those to change")
+    parser.add_argument("--queries", type=int, default=100, help="so many, evenly spaced")
+    parser.add_argument("--changed-every", type=int, default=3, help="every N-th is changed too")
     parser.add_argument("--tracked", type=int, default=40, help="queries to refine from priors")
     parser.add_argument("--hypotheses", type=int, default=1, help="places tried a photo")
     parser.add_argument("--plot", type=Path, help="picture of the ROC curves (extra: plots)")
     options = parser.parse_args()
-    data = Path(os.environ.get("GSCPE_DATA", "")) / "redkitchen"
-    if not data.is_dir():
-        print("set GSCPE_DATA to the folder that holds redkitchen/", file=sys.stderr)
-        return 2
-    queries = read_query_list(data / "queries.txt")[:: options.every]
-    truth = read_poses(data / "truth.txt")
-    tracked = queries[:: max(1, len(queries) // options.tracked)][: options.tracked]
+    data = redkitchen()
+    queries, tracked = (read_queries(data, n) for n in (options.queries, options.tracked))
+    truth = read_pose_file(data / "truth.txt").poses
     samples = [
         *of_redkitchen(data, queries, truth, options.changed_every),
         *of_elsewhere(data, queries, options.changed_every),
         *(replace(s, kind=TRACKING) for s in of_redkitchen(data, tracked, truth, 0)),
     ]
-    known = read_evidence(options.output) if options.reuse else {}
+    known = read_evidence(options.evidence)
     missing = [sample for sample in samples if (sample.kind, sample.name) not in known]
+    settings = LocalizerSettings(hypotheses=options.hypotheses, verification=NO_THRESHOLDS)
     if missing:
-        if not options.reuse:
-            options.output.write_text("")
-        measure(open_map(options.map), missing, options)
-        known = read_evidence(options.output)
+        with Localizer(open_map(options.map), settings, options.matcher) as localizer:
+            measure(localizer, missing, options.evidence)
+        known = read_evidence(options.evidence)
     lines = [known[sample.kind, sample.name] for sample in samples]
-    photos = [line for line in lines if line["kind"] != TRACKING]
-    print_report(photos, VerificationSettings())
-    print_tracking([line for line in lines if line["kind"] == TRACKING], VerificationSettings())
+    print_report(lines, VerificationSettings())
     if options.plot is not None:
-        plot_roc(photos, VerificationSettings(), options.plot)
+        plot_roc(lines, VerificationSettings(), options.plot)
     return 0
 
 
@@ -102,43 +91,27 @@ def read_evidence(path: Path) -> dict[tuple[str, str], Mapping[str, Any]]:
     return {(line["kind"], line["name"]): line for line in lines}
 
 
-class Recording(Localizer):
-    """Keeps every attempt, where a result tells of the best one only."""
-
-    attempts: list[Attempt]
-
-    def _attempt(self, query: Query, start: Start, prior: PosePrior | None) -> Attempt:
-        attempt = super()._attempt(query, start, prior)
-        self.attempts.append(attempt)
-        return attempt
-
-
-def measure(map_: Map, samples: Iterable[Sample], options: argparse.Namespace) -> None:
-    settings = replace(
-        LocalizerSettings(), hypotheses=options.hypotheses, verification=NO_THRESHOLDS
-    )
-    localizer = Recording(map_, settings, options.matcher)
-    with localizer, options.output.open("a") as output:
-        for sample in tqdm(samples, disable=not sys.stderr.isatty()):
+def measure(localizer: Localizer, samples: Iterable[Sample], path: Path) -> None:
+    """Adds a line a sample to the file."""
+    with path.open("a") as output:
+        for sample in progress(samples, "localize"):
             if sample.kind == TRACKING:
                 evidence = [aligned_from_beside(localizer, sample)]
             else:
-                localizer.attempts = []
-                localizer.localize(sample.load(), sample.camera)
-                evidence = [of_attempt(a, sample) for a in localizer.attempts]
+                result = localizer.localize(sample.load(), sample.camera)
+                evidence = [of_attempt(a, sample, localizer.settings) for a in result.attempts]
             line = {
                 "kind": sample.kind,
                 "name": sample.name,
                 "elsewhere": sample.truth is None,
-                "matcher": options.matcher,
                 "attempts": evidence,
             }
             output.write(json.dumps(line) + "\n")
             output.flush()
 
 
-def of_attempt(attempt: Attempt, sample: Sample) -> dict[str, Any]:
-    """All that verification looks at; null where a stage gave nothing."""
+def of_attempt(attempt: Attempt, sample: Sample, settings: LocalizerSettings) -> dict[str, Any]:
+    """All that verification looks at; what a stage did not give is missing."""
     coarse, aligned = attempt.coarse, attempt.aligned
     assert coarse is not None
     evidence: dict[str, Any] = {
@@ -146,12 +119,12 @@ def of_attempt(attempt: Attempt, sample: Sample) -> dict[str, Any]:
         "inlier_share": coarse.inliers / max(coarse.matches, 1),
         "spread": inlier_spread(coarse.inlier_pixels, sample.camera),
     }
-    final = to_result(attempt, 1, Clock()).cam_from_world
-    if aligned is not None and aligned.covariance is not None:
-        found = compare_stages(coarse, aligned, VerificationSettings())
+    if aligned is not None and aligned.cam_from_world is not None:
+        found = compare_stages(coarse, aligned, VerificationSettings(), settings.fusion)
         evidence |= of_aligned(aligned, coarse.cam_from_world) | asdict(found)
     at_first = errors(coarse.cam_from_world, sample)
     evidence |= {f"coarse_{name}": value for name, value in at_first.items()}
+    final = LocalizationResult.of([attempt], sample.camera, MapFrame(), settings, {}).cam_from_world
     return evidence | errors(final, sample)
 
 
@@ -193,23 +166,17 @@ def aligned_from_beside(localizer: Localizer, sample: Sample) -> dict[str, Any]:
     far = rng.uniform() ** 2
     step[:3] *= (0.1 + 0.5 * far) / np.linalg.norm(step[:3])
     step[3:] *= np.radians(3.0 + 17.0 * far) / np.linalg.norm(step[3:])
-    prior = beside(sample.truth, step)
+    # Turned about the camera's centre, and moved in its frame.
+    prior = se3.exp(np.concatenate([np.zeros(3), step[3:]])) @ sample.truth
+    prior[:3, 3] += step[:3]
     settings = localizer.settings
     aligned = refine_pose(
-        localizer._renderer,
-        to_photo(sample.load(), sample.camera),
+        localizer,
+        localizer.at_the_maps_resolution(to_photo(sample.load(), sample.camera)),
         prior,
         replace(settings.refinement, levels=settings.near_levels),
-        localizer.map.metres_per_unit,
     )
     return of_aligned(aligned, prior) | errors(aligned.cam_from_world, sample)
-
-
-def beside(cam_from_world: Float64Array, step: Float64Array) -> Float64Array:
-    """Turned about the camera's centre by step[3:], and moved in its frame by step[:3]."""
-    turned = se3.exp(np.concatenate([np.zeros(3), step[3:]])) @ cam_from_world
-    turned[:3, 3] += step[:3]
-    return np.asarray(turned)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Callable, Iterator, Sequence
 
 import cv2
 import numpy as np
 import skimage.data
+from changed_photos import dark_and_blurred, half_covered
 
 from gscpe import Camera, read_image
 from gscpe.arrays import Float64Array, UInt8Array
@@ -20,6 +22,7 @@ _SKIMAGE = (
     *("colorwheel", "grass", "gravel", "hubble_deep_field", "immunohistochemistry"),
     *("microaneurysms", "moon", "page", "retina", "rocket", "text"),
 )
+_PAIR = ("motorcycle left", "motorcycle right")
 _TILE = (320, 240)
 """Width and height of the tiles of larger pictures; they are then enlarged to the camera's."""
 
@@ -55,22 +58,18 @@ def of_redkitchen(
 def of_elsewhere(data: Path, queries: Sequence[Query], every_changed: int) -> Iterator[Sample]:
     """Other pictures, tiles of them, and queries changed into what no camera sees."""
     camera = queries[0].camera
-    pictures: dict[str, Callable[[], UInt8Array]] = {
-        name: getattr(skimage.data, name) for name in _SKIMAGE
-    }
-    for side, name in enumerate(("motorcycle left", "motorcycle right")):
-        pictures[name] = lambda side=side: np.asarray(skimage.data.stereo_motorcycle()[side])
-    for name, picture in pictures.items():
-        yield Sample("scikit-image", name, camera, lambda p=picture: filling(p(), camera))
-    for name, picture in pictures.items():
-        yield Sample(
-            "scikit-image, mirrored", name, camera, lambda p=picture: filling(p()[:, ::-1], camera)
-        )
-    for name, picture in pictures.items():
-        for corner, tile in tiles(picture()):
-            yield Sample(
-                "scikit-image, tile", f"{name} {corner}", camera, lambda t=tile: filling(t, camera)
-            )
+
+    def picture(kind: str, name: str, load: Callable[[], UInt8Array]) -> Sample:
+        return Sample(f"scikit-image{kind}", name, camera, lambda: filling(load(), camera))
+
+    pictures = {name: partial(_picture, name) for name in (*_SKIMAGE, *_PAIR)}
+    for name, load in pictures.items():
+        yield picture("", name, load)
+    for name, load in pictures.items():
+        yield picture(", mirrored", name, partial(_mirrored, load))
+    for name, load in pictures.items():
+        for corner, tile in tiles(load()):
+            yield picture(", tile", f"{name} {corner}", partial(np.asarray, tile))
     changes: dict[str, Callable[[UInt8Array], UInt8Array]] = {
         "query mirrored": lambda image: image[:, ::-1],
         "query top to bottom": lambda image: image[::-1],  # mirrored as well: no camera sees it
@@ -80,12 +79,21 @@ def of_elsewhere(data: Path, queries: Sequence[Query], every_changed: int) -> It
     for kind, change in changes.items():
         for query in queries[::every_changed]:
             path = data / "queries" / query.name
-            yield Sample(
-                kind,
-                query.name,
-                query.camera,
-                lambda p=path, c=change: np.ascontiguousarray(c(read_image(p))),
-            )
+            yield Sample(kind, query.name, query.camera, partial(_changed, path, change))
+
+
+def _picture(name: str) -> UInt8Array:
+    if name in _PAIR:
+        return np.asarray(skimage.data.stereo_motorcycle()[_PAIR.index(name)])
+    return np.asarray(getattr(skimage.data, name)())
+
+
+def _mirrored(load: Callable[[], UInt8Array]) -> UInt8Array:
+    return load()[:, ::-1]
+
+
+def _changed(path: Path, change: Callable[[UInt8Array], UInt8Array]) -> UInt8Array:
+    return np.ascontiguousarray(change(read_image(path)))
 
 
 def filling(image: UInt8Array, camera: Camera) -> UInt8Array:
@@ -124,20 +132,3 @@ def shuffled(image: UInt8Array, blocks: int) -> UInt8Array:
             from_top : from_top + height, from_left : from_left + width
         ]
     return result
-
-
-def half_covered(image: UInt8Array) -> UInt8Array:
-    """The left half hidden by a photograph of a cup."""
-    height, width = image.shape[:2]
-    cup = cv2.resize(skimage.data.coffee(), (width // 2, height), interpolation=cv2.INTER_AREA)
-    result = image.copy()
-    result[:, : width // 2] = cup
-    return result
-
-
-def dark_and_blurred(image: UInt8Array) -> UInt8Array:
-    """A quarter of the light, moved by 11 pixels while it was exposed, with the noise of it."""
-    kernel = np.full((1, 11), 1 / 11)
-    blurred = cv2.filter2D(image.astype(np.float64), -1, kernel) / 4
-    noise = np.random.default_rng(0).normal(0.0, 3.0, image.shape)
-    return np.asarray(np.rint(np.clip(blurred + noise, 0, 255)), dtype=np.uint8)

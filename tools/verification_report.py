@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 import numpy as np
+from _common import new_figure, save_figure, table
 
 from gscpe.arrays import Float64Array
-from gscpe.localization.verification import VerificationSettings
+from gscpe.localization import VerificationSettings
 
 Evidence = Mapping[str, Any]
 
+TRACKING = "tracking"
+"""The kind of photos that are refined from a prior beside the truth, without matches."""
 RIGHT = (0.05, 5.0)
 """Metres and degrees within which a pose of a RedKitchen photo is right, ..."""
 RIGHT_TRACKED = (0.02, 2.0)
@@ -28,8 +31,7 @@ class Criterion:
 
     evidence: str
     setting: str
-    more_is_better: bool
-    logarithmic: bool
+    more_is_better: bool = True
 
     def scores(self, attempts: Sequence[Evidence]) -> Float64Array:
         """(N,), more is better; -inf where the evidence is missing."""
@@ -44,81 +46,29 @@ class Criterion:
         return bool(value >= threshold if self.more_is_better else value <= threshold)
 
     def text(self, score: float) -> str:
-        if not np.isfinite(score):
-            return "none"
-        return f"{abs(score) if not self.more_is_better else score:.3g}"
-
-    def middle(self, worst_right: float, best_wrong: float) -> str:
-        if worst_right <= best_wrong:
-            return "no gap"
-        if not np.isfinite(best_wrong):
-            return "any"
-        if self.logarithmic:
-            sign = np.sign(worst_right)
-            return self.text(sign * float(np.sqrt(worst_right * best_wrong)))
-        return self.text(0.5 * (worst_right + best_wrong))
+        sign = 1.0 if self.more_is_better else -1.0
+        return f"{sign * score:.4g}" if np.isfinite(score) else "none"
 
 
 CRITERIA = (
-    Criterion("inliers", "min_inliers", True, True),
-    Criterion("inlier_share", "min_inlier_share", True, False),
-    Criterion("spread", "min_spread", True, False),
-    Criterion("agreement", "min_agreement", True, False),
-    Criterion("overlap", "min_overlap", True, False),
-    Criterion("shift", "max_shift", False, True),
-    Criterion("shift_degrees", "max_shift_degrees", False, True),
-    Criterion("sigma", "max_sigma", False, True),
-    Criterion("sigma_degrees", "max_sigma_degrees", False, True),
+    Criterion("inliers", "min_inliers"),
+    Criterion("inlier_share", "min_inlier_share"),
+    Criterion("spread", "min_spread"),
+    Criterion("agreement", "min_agreement"),
+    Criterion("overlap", "min_overlap"),
+    Criterion("shift", "max_shift", more_is_better=False),
+    Criterion("shift_degrees", "max_shift_degrees", more_is_better=False),
+    Criterion("sigma", "max_sigma", more_is_better=False),
+    Criterion("sigma_degrees", "max_sigma_degrees", more_is_better=False),
 )
 
 
-def print_report(photos: Sequence[Evidence], settings: VerificationSettings) -> None:
+def print_report(lines: Sequence[Evidence], settings: VerificationSettings) -> None:
+    photos = [line for line in lines if line["kind"] != TRACKING]
     _print_counts(photos, settings)
     _print_margins(photos, settings)
-    _print_roc(*_split(photos, RIGHT), settings)
-    _print_nearest(photos, settings)
-
-
-def _print_margins(photos: Sequence[Evidence], settings: VerificationSettings) -> None:
-    plain = _split([p for p in photos if p["kind"] == "RedKitchen"], RIGHT)
-    changed = _split([p for p in photos if p["kind"].startswith("RedKitchen, ")], RIGHT)
-    shuffled = _split([p for p in photos if "shuffled" in p["kind"]], RIGHT)[1]
-    others = _split([p for p in photos if p["elsewhere"] and "shuffled" not in p["kind"]], RIGHT)[1]
-    lost = plain[1] + changed[1]
-    right, wrong = plain[0] + changed[0], others + shuffled + lost
-    print(
-        f"\n{len(right)} right poses (within {100 * RIGHT[0]:.0f} cm and {RIGHT[1]:.0f} degrees), "
-        f"{len(wrong)} wrong ones. Worst of the right, best of the wrong:\n"
-    )
-    print(
-        f"| evidence | threshold | right: {len(plain[0])} queries "
-        f"| right: {len(changed[0])} changed | wrong: {len(others)} of elsewhere "
-        f"| wrong: {len(shuffled)} shuffled "
-        f"| wrong: {len(lost)} of RedKitchen | middle, queries and elsewhere | middle, all "
-        "| wrong ones that only this refuses |"
-    )
-    print("|---" * 10 + "|")
-    for criterion in CRITERIA:
-        worst = [criterion.scores(g).min(initial=np.inf) for g in (plain[0], changed[0], right)]
-        best = [
-            criterion.scores(g).max(initial=-np.inf) for g in (others, shuffled, lost, wrong)
-        ]  # fmt: skip
-        rest = [c for c in CRITERIA if c is not criterion]
-        cells = (
-            criterion.evidence,
-            getattr(settings, criterion.setting),
-            *(criterion.text(score) for score in worst[:2] + best[:3]),
-            criterion.middle(worst[0], best[0]),
-            criterion.middle(worst[2], best[3]),
-            sum(
-                all(c.accepts(attempt, settings) for c in rest)
-                and not criterion.accepts(attempt, settings)
-                for attempt in wrong
-            ),
-        )
-        print(f"| {' | '.join(str(cell) for cell in cells)} |")
-    counts = [sum(bool(a.get("converged")) for a in group) for group in (right, wrong)]
-    print(f"\nThe alignment converged for {counts[0]} of the right and {counts[1]} of the wrong.")
+    tracked = [a for line in lines if line["kind"] == TRACKING for a in line["attempts"]]
+    _print_tracking(tracked, settings)
 
 
 def _print_counts(photos: Sequence[Evidence], settings: VerificationSettings) -> None:
@@ -127,62 +77,53 @@ def _print_counts(photos: Sequence[Evidence], settings: VerificationSettings) ->
         row = rows.setdefault(photo["kind"], Counter())
         row["photos"] += 1
         passed = [a for a in photo["attempts"] if _passes(a, settings)]
-        best = max(passed, key=lambda attempt: attempt["agreement"], default=None)
+        best = max(passed, key=_agreement, default=None)
         if best is not None:
             row["right" if _is_right(best, RIGHT) else "wrong"] += 1
     elsewhere = sum(photo["elsewhere"] for photo in photos)
     print(f"{len(photos)} photos, {elsewhere} of them of other places or of none\n")
-    print("| photos | number | localized rightly | localized wrongly |")
-    print("|---|---|---|---|")
-    for kind, row in rows.items():
-        print(f"| {kind} | {row['photos']} | {row['right']} | {row['wrong']} |")
-
-
-def _print_roc(
-    right: Sequence[Evidence], wrong: Sequence[Evidence], settings: VerificationSettings
-) -> None:
-    print(
-        "\n| one criterion alone | right accepted at no wrong | at 1% | at 5% "
-        "| wrong accepted at all right | at 99% | at 95% "
-        "| at the threshold: right accepted | wrong accepted |"
+    table(
+        ["photos", "number", "localized rightly", "localized wrongly"],
+        ([k, *(str(row[c]) for c in ("photos", "right", "wrong"))] for k, row in rows.items()),
     )
-    print("|---" * 9 + "|")
+
+
+def _print_margins(photos: Sequence[Evidence], settings: VerificationSettings) -> None:
+    """How far the threshold of each kind of evidence lies from either kind of poses."""
+    plain = _split([p for p in photos if p["kind"] == "RedKitchen"])
+    changed = _split([p for p in photos if p["kind"].startswith("RedKitchen, ")])
+    shuffled = _split([p for p in photos if "shuffled" in p["kind"]])[1]
+    others = _split([p for p in photos if p["elsewhere"] and "shuffled" not in p["kind"]])[1]
+    right, wrong = _split(photos)
+    print(
+        f"\n{len(right)} right poses (within {100 * RIGHT[0]:.0f} cm and {RIGHT[1]:.0f} degrees), "
+        f"{len(wrong)} wrong ones. Worst of the right, best of the wrong:\n"
+    )
+    rights, wrongs = (plain[0], changed[0]), (others, shuffled, plain[1] + changed[1])
+    rows = []
     for criterion in CRITERIA:
-        good = np.sort(criterion.scores(right))[::-1]
-        bad = np.sort(criterion.scores(wrong))[::-1]
-        accepted = [float(np.mean(good > bad[int(share * len(bad))])) for share in (0, 0.01, 0.05)]
-        false = [
-            float(np.mean(bad >= good[int(np.ceil(share * len(good))) - 1]))
-            for share in (1, 0.99, 0.95)
-        ]
-        now = [float(np.mean([criterion.accepts(a, settings) for a in s])) for s in (right, wrong)]
-        cells = " | ".join(f"{share:.1%}" for share in accepted + false + now)
-        print(f"| {criterion.evidence} | {cells} |")
-    true, false_ = (float(np.mean([_passes(a, settings) for a in s])) for s in (right, wrong))
-    print(f"\nAll criteria, at the thresholds: {true:.1%} of right, {false_:.1%} of wrong poses")
+        worst = [criterion.scores(group).min(initial=np.inf) for group in rights]
+        best = [criterion.scores(group).max(initial=-np.inf) for group in wrongs]
+        threshold = f"{getattr(settings, criterion.setting):g}"
+        rows.append([criterion.evidence, threshold, *map(criterion.text, worst + best)])
+    table(
+        ["evidence", "threshold", f"right: {len(plain[0])} queries",
+         f"right: {len(changed[0])} changed", f"wrong: {len(others)} of elsewhere",
+         f"wrong: {len(shuffled)} shuffled", f"wrong: {len(wrongs[2])} of RedKitchen"],
+        rows,
+    )  # fmt: skip
+    accepted, converged = (
+        [sum(bool(which(attempt)) for attempt in group) for group in (right, wrong)]
+        for which in (lambda a: _passes(a, settings), lambda a: a.get("converged"))
+    )
+    print(
+        f"\nThe thresholds accept {accepted[0]} of the right and {accepted[1]} of the wrong poses; "
+        f"the alignment converged for {converged[0]} and {converged[1]}."
+    )
 
 
-def _print_nearest(photos: Sequence[Evidence], settings: VerificationSettings) -> None:
-    print("\nWrong poses that came nearest, and right ones that are refused:\n")
-    for photo in photos:
-        for attempt in photo["attempts"]:
-            right = _is_right(attempt, RIGHT)
-            failed = [c for c in CRITERIA if not c.accepts(attempt, settings)]
-            if failed if right else len(failed) <= 2:
-                values = (
-                    f"{c.evidence} {c.text(float(c.scores([attempt])[0]))}"
-                    for c in failed
-                )  # fmt: skip
-                print(
-                    f"- {'right' if right else 'wrong'}: {photo['kind']}, {photo['name']}: "
-                    f"{', '.join(values) or 'passes'}{_errors(attempt)}"
-                )
-
-
-def print_tracking(lines: Sequence[Evidence], settings: VerificationSettings) -> None:
-    """Of photos refined from a prior beside the truth, without matches."""
-    attempts = [attempt for line in lines for attempt in line["attempts"]]
-    with_pose = [a for a in attempts if a.get("error") is not None]
+def _print_tracking(attempts: Sequence[Evidence], settings: VerificationSettings) -> None:
+    with_pose = [a for a in attempts if "error" in a]
     right = [a for a in with_pose if _is_right(a, RIGHT_TRACKED)]
     wrong = [a for a in with_pose if not _is_right(a, RIGHT_TRACKED)]
     print(
@@ -190,39 +131,24 @@ def print_tracking(lines: Sequence[Evidence], settings: VerificationSettings) ->
         f"{len(attempts) - len(with_pose)} without a pose, {len(right)} within "
         f"{100 * RIGHT_TRACKED[0]:.0f} cm and {RIGHT_TRACKED[1]:.0f} degrees, {len(wrong)} not\n"
     )
-    print("| | number | agreement: least | median | most | converged |")
-    print("|---|---|---|---|---|---|")
+    rows = []
     for name, group in (("right", right), ("wrong", wrong)):
         if group:
-            low, middle, high = np.percentile([_agreement(a) for a in group], [0, 50, 100])
-            converged = sum(a["converged"] for a in group)
-            print(
-                f"| {name} | {len(group)} | {low:.2f} | {middle:.2f} | {high:.2f} | {converged} |"
+            agreements = np.percentile([_agreement(a) for a in group], [0, 50, 100])
+            counts = (
+                sum(a["converged"] for a in group),
+                sum(_passes_tracking(a, settings) for a in group),
             )
-    print("\n| agreement at least | right accepted | wrong accepted | ... that converged too |")
-    print("|---|---|---|---|")
-    thresholds = sorted({0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7, settings.min_tracking_agreement})
-    for threshold in thresholds:
-        counts = [
-            sum(_agreement(a) >= threshold for a in right),
-            sum(_agreement(a) >= threshold for a in wrong),
-            sum(_agreement(a) >= threshold and a["converged"] for a in wrong),
-        ]
-        print(f"| {threshold} | {counts[0]} | {counts[1]} | {counts[2]} |")
-    true, false = (sum(_passes_tracking(a, settings) for a in group) for group in (right, wrong))
-    print(f"\nAll criteria of tracking, at the thresholds: {true} right and {false} wrong poses")
-    for attempt in sorted(wrong, key=_agreement, reverse=True)[:5]:
-        print(f"- wrong: agreement {_agreement(attempt):.2f}{_errors(attempt)}")
+            cells = [f"{agreement:.2f}" for agreement in agreements]
+            rows.append([name, str(len(group)), *cells, *map(str, counts)])
+    table(["", "number", "agreement: least", "median", "most", "converged", "accepted"], rows)
 
 
-def plot_roc(photos: Sequence[Evidence], settings: VerificationSettings, path: Path) -> None:
+def plot_roc(lines: Sequence[Evidence], settings: VerificationSettings, path: Path) -> None:
     """Share of right poses accepted over share of wrong ones, as one threshold moves."""
-    from matplotlib.figure import Figure
-
-    right, wrong = _split(photos, RIGHT)
+    right, wrong = _split([line for line in lines if line["kind"] != TRACKING])
     floor = 0.5 / len(wrong)
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.add_subplot()
+    figure, (axes,) = new_figure(1, 8.8, 5.8)
     for criterion in CRITERIA:
         good, bad = criterion.scores(right), criterion.scores(wrong)
         thresholds = np.unique(np.concatenate([good, bad]))
@@ -230,15 +156,10 @@ def plot_roc(photos: Sequence[Evidence], settings: VerificationSettings, path: P
         accepted = [float(np.mean(good >= t)) for t in thresholds]
         false = [max(float(np.mean(bad >= t)), floor) for t in thresholds]
         style = "-" if criterion.more_is_better else "--"
-        axes.plot(
-            false,
-            accepted,
-            style,
-            drawstyle="steps-post",
-            label=criterion.evidence.replace("_", " "),
-        )
-    true, false_ = (float(np.mean([_passes(a, settings) for a in s])) for s in (right, wrong))
-    axes.plot([max(false_, floor)], [true], "k*", markersize=12, label="all thresholds")
+        name = criterion.evidence.replace("_", " ")
+        axes.plot(false, accepted, style, drawstyle="steps-post", label=name)
+    true, untrue = (float(np.mean([_passes(a, settings) for a in s])) for s in (right, wrong))
+    axes.plot([max(untrue, floor)], [true], "k*", markersize=12, label="all thresholds")
     axes.set(
         xscale="log",
         xlim=(0.9 * floor, 1.0),
@@ -248,18 +169,15 @@ def plot_roc(photos: Sequence[Evidence], settings: VerificationSettings, path: P
     )
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
-def _split(
-    photos: Sequence[Evidence], limits: tuple[float, float]
-) -> tuple[list[Evidence], list[Evidence]]:
+def _split(photos: Sequence[Evidence]) -> tuple[list[Evidence], list[Evidence]]:
     """Attempts with a right pose, and all others but those of RedKitchen without a pose."""
     right, wrong = [], []
     for photo in photos:
         for attempt in photo["attempts"]:
-            if _is_right(attempt, limits):
+            if _is_right(attempt, RIGHT):
                 right.append(attempt)
             elif photo["elsewhere"] or "error" in attempt:
                 wrong.append(attempt)
@@ -291,13 +209,3 @@ def _passes_tracking(attempt: Evidence, settings: VerificationSettings) -> bool:
 def _agreement(attempt: Evidence) -> float:
     value = attempt["agreement"]
     return -1.0 if value is None else float(value)
-
-
-def _errors(attempt: Evidence) -> str:
-    if "error" not in attempt:
-        return ""
-    coarse = ""
-    if "coarse_error" in attempt:
-        coarse = f"; coarse {100 * attempt['coarse_error']:.1f} cm"
-    error, degrees = 100 * attempt["error"], attempt["error_degrees"]
-    return f" (off by {error:.1f} cm and {degrees:.2f} degrees{coarse})"

@@ -6,6 +6,7 @@ from gscpe.batch.details import Detail, read_details, result_details
 from gscpe.batch.fingerprint import Fingerprint
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.outputs import check_outputs, write_poses
+from gscpe.batch.priors import read_priors
 from gscpe.batch.record import localize_list, localize_with
 from gscpe.batch.serial_crew import SerialCrew
 from gscpe.batch.to_files import ListFiles, localize_to_files
@@ -26,6 +27,7 @@ __all__ = [
     "localize_with",
     "make_crew",
     "read_details",
+    "read_priors",
     "result_details",
     "write_poses",
 ]

@@ -18,8 +18,8 @@ from gscpe.scene.query_list import Query
 class LocalizerPlugin(WorkerPlugin):
     """Opens the map where it is registered, and on workers that join later; closes it at the end.
 
-    An OpenGL context belongs to its thread, so one thread does all the work, however many Dask
-    runs tasks in.
+    A localizer works on one photo at a time, so one thread does all the work, however many Dask
+    runs tasks in; it waits for the map, too.
     """
 
     def __init__(self, name: str, instructions: Instructions) -> None:

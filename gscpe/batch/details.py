@@ -42,6 +42,11 @@ def result_details(query: Query, result: LocalizationResult) -> Detail:
             "inliers": coarse.inliers,
             "rms_pixels": _number(coarse.rms_pixels),
             "covariance": None if coarse.covariance is None else coarse.covariance.tolist(),
+            "focal_length": coarse.focal
+            and {
+                "ratio": _number(coarse.focal.ratio),
+                "relative_sigma": _number(coarse.focal.relative_sigma),
+            },
             "rounds": coarse.rounds,
             "converged": coarse.converged,
         },

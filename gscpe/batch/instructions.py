@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Mapping
 
 from gscpe.batch.fingerprint import Fingerprint, map_fingerprint, settings_fingerprint
-from gscpe.localization import LocalizerSettings
+from gscpe.batch.priors import with_priors
+from gscpe.localization import LocalizerSettings, PosePrior
 from gscpe.matching import matcher_name
 
 _ONNX = "onnx:"
@@ -24,6 +26,7 @@ class Instructions:
         backend: of gscpe.render.Renderer.
         fingerprint: of map and settings; a worker refuses a map that has another one.
         threads: of a worker; None: one for each core.
+        priors: where photos probably were taken, by name; others begin with retrieval.
     """
 
     map_folder: Path
@@ -33,6 +36,7 @@ class Instructions:
     backend: str
     fingerprint: Fingerprint
     threads: int | None = None
+    priors: Mapping[str, PosePrior] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -42,6 +46,7 @@ class Instructions:
         settings: LocalizerSettings | None = None,
         matcher: str = "auto",
         backend: str = "auto",
+        priors: Mapping[str, PosePrior] | None = None,
     ) -> Instructions:
         """Instructions with absolute paths, the matcher chosen, and the map as it is now.
 
@@ -53,11 +58,13 @@ class Instructions:
         if settings.retrieval_model is not None:
             settings = replace(settings, retrieval_model=Path(settings.retrieval_model).absolute())
         matcher = _chosen(matcher)
+        priors = priors or {}
         fingerprint = Fingerprint(
-            map_fingerprint(map_folder), settings_fingerprint(settings, matcher)
+            map_fingerprint(map_folder),
+            with_priors(settings_fingerprint(settings, matcher), priors),
         )
         folders = Path(map_folder).absolute(), Path(image_folder).absolute()
-        return cls(*folders, settings, matcher, backend, fingerprint)
+        return cls(*folders, settings, matcher, backend, fingerprint, priors=priors)
 
 
 def _chosen(matcher: str) -> str:

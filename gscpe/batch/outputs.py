@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.errors import OutputError
+from gscpe.scene.photo_name import quoted_name
 
 
 def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Path] = ()) -> None:
@@ -42,9 +43,9 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
     for detail in details:
         source = detail if stage == "final" else detail[stage]
         if detail["status"] == "localized" and source is not None:
-            lines.append(f"{detail['name']} {source['cam_from_world']}\n")
+            lines.append(f"{quoted_name(str(detail['name']))} {source['cam_from_world']}\n")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text("".join(lines))
+        Path(path).write_text("".join(lines), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error

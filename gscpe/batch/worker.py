@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Mapping
 
 import cv2
 
@@ -12,16 +13,22 @@ from gscpe.batch.instructions import Instructions
 from gscpe.batch.threads import limited_threads
 from gscpe.closing import Closing
 from gscpe.errors import InputError, MapError
-from gscpe.localization import Localizer
-from gscpe.scene import open_map, read_image
+from gscpe.localization import Localizer, PosePrior
+from gscpe.scene import open_map, read_image_of
 from gscpe.scene.query_list import Query
 
 
 class Worker(Closing):
-    """Localizes one query at a time, from the thread that made it."""
+    """Localizes one query at a time."""
 
-    def __init__(self, localizer: Localizer, image_folder: str | Path) -> None:
+    def __init__(
+        self,
+        localizer: Localizer,
+        image_folder: str | Path,
+        priors: Mapping[str, PosePrior] | None = None,
+    ) -> None:
         self._localizer = localizer
+        self._priors = priors or {}
         self._image_folder = Path(image_folder)
 
     @classmethod
@@ -33,8 +40,8 @@ class Worker(Closing):
             progress: show a bar when the CPU rasterizer must be compiled first.
 
         Raises:
-            MapError: the map is missing, damaged, has no references, or has changed since the
-                instructions were given.
+            MapError: the map is missing, damaged, or has changed since the instructions were
+                given; or it has no references, and no photo has a prior.
             RenderError, ModelError, SettingsError, MissingDependencyError: as
                 :class:`gscpe.localization.localizer.Localizer`.
         """
@@ -45,12 +52,12 @@ class Worker(Closing):
             if threads is not None:
                 cv2.setNumThreads(threads)
             map_ = open_map(folder)
-            if not len(map_.references):
+            if not len(map_.references) and not instructions.priors:
                 raise MapError(f"{folder} has no reference photos to recognize places by")
             localizer = Localizer(
                 map_, instructions.settings, instructions.matcher, instructions.backend, progress
             )
-        return cls(localizer, instructions.image_folder)
+        return cls(localizer, instructions.image_folder, instructions.priors)
 
     @property
     def description(self) -> str:
@@ -64,8 +71,9 @@ class Worker(Closing):
             RenderError: rendering failed.
         """
         try:
-            image = read_image(self._image_folder / query.name)
-            return result_details(query, self._localizer.localize(image, query.camera))
+            image = read_image_of(self._image_folder / query.name, query.camera)
+            prior = self._priors.get(query.name)
+            return result_details(query, self._localizer.localize(image, query.camera, prior))
         except InputError as error:
             return failed_details(query, str(error))
 

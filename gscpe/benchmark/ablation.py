@@ -60,4 +60,5 @@ def run_ablation(
 
 def _row(name: str, run: SceneRun) -> AblationRow:
     found = run.evaluate("aligned")
-    return AblationRow(name, 100.0 * found.median_distance, found.median_degrees)
+    unit = 1.0 if run.metres_per_unit is None else 100.0
+    return AblationRow(name, unit * found.median_distance, found.median_degrees)

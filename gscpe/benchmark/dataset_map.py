@@ -9,10 +9,11 @@ from pathlib import Path
 from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.datasets import Dataset
 from gscpe.errors import OutputError, SplatError
-from gscpe.mapping import MapSettings, build_map, check_frames, check_map
+from gscpe.mapping import MapSettings, build_map, check_frames, check_map, with_fitting_axes
 from gscpe.retrieval import check_method
 from gscpe.scene import open_map, read_splat, save_map
 from gscpe.scene.map_folder import check_map_output
+from gscpe.scene.splat_kind import may_have_other_axes
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +44,15 @@ def ensure_map(
     check_method(settings.retrieval)
     scene = read_splat(splat)
     if settings.check_frames:
+        scene = with_fitting_axes(
+            scene,
+            dataset.references,
+            dataset.image_folder,
+            metres_per_unit=dataset.metres_per_unit,
+            backend=settings.backend,
+            progress=progress,
+            axes_are_open=may_have_other_axes(splat),
+        )
         check_frames(
             scene,
             dataset.references,

@@ -102,7 +102,9 @@ def run(options: argparse.Namespace) -> int:
             rows = run_ablation(dataset, done, paths, settings, show_progress())
             title = f"Image alignment with parts left out: {dataset.name} {dataset.scene}"
             with_published = dataset.name == "7-Scenes"
-            ablations.append(ablation_table(title, rows, with_published=with_published))
+            metric = dataset.metres_per_unit is not None
+            table = ablation_table(title, rows, with_published=with_published, metric=metric)
+            ablations.append(table)
         write_tables(runs, output, ablations)  # after each scene: finished work is never lost
     print(to_text((*benchmark_tables(runs), *ablations)))
     _say_where(scenes, output, settings)

@@ -17,12 +17,14 @@ from gscpe.mapping import (
     map_without_references,
     measure_misfit,
     read_transform,
+    with_fitting_axes,
 )
 from gscpe.retrieval import METHODS, check_method
 from gscpe.scene import GaussianScene, References, open_map, read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.moved import move_references, move_scene
+from gscpe.scene.splat_kind import may_have_other_axes
 
 _NOT_GOOD = 3
 """Exit status: the map was written, but its references do not come back to their own poses."""
@@ -115,6 +117,12 @@ def run(options: argparse.Namespace) -> int:
         options.parser.error("--poses-in goes with --fit or --transform")
     moved_by = None if options.transform is None else read_transform(options.transform)
     check_map_output(options.output, compress=options.compress)
+    if (options.no_references or options.no_check) and may_have_other_axes(options.splat):
+        print(
+            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
+            "they are stored (y and z may be negated against the .ply)",
+            file=sys.stderr,
+        )
     if options.no_references:
         scene = read_splat(options.splat)
         map_ = map_without_references(scene, settings.metres_per_unit)
@@ -124,6 +132,16 @@ def run(options: argparse.Namespace) -> int:
     check_method(settings.retrieval)
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)
+    if not options.no_check:
+        scene = with_fitting_axes(
+            scene,
+            references if moved_by is None else move_references(references, moved_by),
+            options.images,
+            metres_per_unit=settings.metres_per_unit,
+            backend=options.backend,
+            progress=show_progress(),
+            axes_are_open=may_have_other_axes(options.splat),
+        )
     if moved_by is not None:
         scene, references = _moved(scene, references, moved_by, options.poses_in)
     if options.fit:

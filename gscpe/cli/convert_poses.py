@@ -10,10 +10,13 @@ from gscpe.cli.common import Commands
 from gscpe.errors import OutputError
 from gscpe.scene.poses import (
     POSE_FORMATS,
+    complete_text_model,
     format_of_path,
+    is_colmap_folder,
     photo_numbers,
     poses_by_name,
     read_pose_file,
+    write_colmap_folder,
     write_pose_file,
 )
 from gscpe.scene.query_list import read_query_list
@@ -24,7 +27,11 @@ def add_parser(commands: Commands) -> None:
         "convert-poses", help="write a pose file in another form: hloc, pgt, colmap, tum, json"
     )
     parser.add_argument("input", help="pose file of any of the forms, or gscpe's details (.jsonl)")
-    parser.add_argument("output", help="images.txt (colmap), .txt (hloc), .tum or .json")
+    parser.add_argument(
+        "output",
+        help="images.txt or a folder (colmap; the folder holds a whole model, in binary), "
+        ".txt (hloc), .tum or .json",
+    )
     parser.add_argument(
         "--from",
         dest="from_format",
@@ -47,9 +54,11 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if Path(options.input).resolve() == Path(options.output).resolve():
+    same = Path(options.input).resolve() == Path(options.output).resolve()
+    if same and not Path(options.input).is_dir():
         raise OutputError(f"{options.output} is the input too; choose another")
-    to_format = options.to_format or format_of_path(options.output)
+    whole_model = is_colmap_folder(options.output, options.to_format)
+    to_format = "colmap" if whole_model else options.to_format or format_of_path(options.output)
     file = read_pose_file(options.input, options.from_format)
     poses, cameras = file.poses, file.cameras or None
     if options.queries:
@@ -64,6 +73,11 @@ def run(options: argparse.Namespace) -> int:
             "this file are written, from 0; where it lacks photos, give the whole list (--queries)",
             file=sys.stderr,
         )
-    write_pose_file(options.output, poses, to_format, cameras)
+    if whole_model:
+        write_colmap_folder(options.output, poses, cameras)
+    else:
+        write_pose_file(options.output, poses, to_format, cameras)
+        if to_format == "colmap" and Path(options.output).name == "images.txt" and cameras:
+            complete_text_model(options.output, poses, cameras)
     print(f"{options.output}: {len(poses)} poses, {file.format} to {to_format}")
     return 0

@@ -12,6 +12,7 @@ from gscpe.batch import (
     ListFiles,
     check_outputs,
     localize_to_files,
+    read_priors,
     result_details,
 )
 from gscpe.cli.common import (
@@ -26,9 +27,9 @@ from gscpe.cli.common import (
 from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer, LocalizerSettings, PosePrior
-from gscpe.scene import camera_from_exif, open_map, read_image
+from gscpe.scene import camera_from_exif, open_map, read_image, read_image_of
 from gscpe.scene.poses.hloc import parse_pose
-from gscpe.scene.query_list import Query, read_query_list
+from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 
 
 def add_parser(commands: Commands) -> None:
@@ -37,8 +38,9 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument("photo", nargs="?", help="one photo")
     parser.add_argument(
         "--camera",
-        help=f"of the one photo: {CAMERA_HELP}. Without: its focal length is estimated, and lens "
-        "distortion taken to be small",
+        help=f"of the one photo, or of all photos whose line in the list is a name alone: "
+        f"{CAMERA_HELP}. One photo without it: its focal length is estimated, and lens distortion "
+        "taken to be small",
     )
     parser.add_argument("--json", action="store_true", help="print all about the one photo")
     parser.add_argument(
@@ -51,12 +53,21 @@ def add_parser(commands: Commands) -> None:
         nargs=2,
         type=float,
         metavar=("LENGTH", "DEGREES"),
-        help="standard deviations of the prior, map units and degrees "
+        help="standard deviations of the prior, or of all priors, map units and degrees; "
+        "where 180 degrees, it is a position alone "
         f"(default: {PosePrior.translation_sigma} {PosePrior.rotation_sigma_degrees})",
     )
     many = parser.add_argument_group("many photos")
-    many.add_argument("--queries", metavar="FILE", help="lines of: name MODEL width height params")
-    many.add_argument("--images", metavar="QUERY_DIR", help="folder of the query photos")
+    many.add_argument(
+        "--queries",
+        metavar="FILE",
+        help="lines of: name MODEL width height params; or of names alone, with --camera",
+    )
+    many.add_argument(
+        "--images",
+        metavar="QUERY_DIR",
+        help="folder of the query photos; all photos in it where there is no list, with --camera",
+    )
     many.add_argument("--output", metavar="POSES", help="poses: name qw qx qy qz tx ty tz")
     many.add_argument("--coarse-output", metavar="POSES", help="those from matches alone")
     many.add_argument(
@@ -65,6 +76,12 @@ def add_parser(commands: Commands) -> None:
         help="a line a query with all that is known (default: beside the output)",
     )
     many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    many.add_argument(
+        "--priors",
+        metavar="POSES",
+        help="where the photos probably were taken: a file of poses, in any form that gscpe "
+        "evaluate reads; photos that it lacks begin without",
+    )
     add_workers(many)
     parser.add_argument(
         "--retrieval-model",
@@ -78,27 +95,38 @@ def add_parser(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     parser: argparse.ArgumentParser = options.parser
-    if (options.photo is None) == (options.queries is None):
-        parser.error("give either one photo, or --queries with --images and --output")
-    one = {"camera", "json", "prior", "prior_sigma"}
-    many = {"images", "output", "coarse_output", "details", "resume", "workers", "scheduler"}
-    alien = sorted(name for name in (one if options.queries else many) if getattr(options, name))
+    listed = options.queries is not None or (options.photo is None and options.images is not None)
+    if (options.photo is None) != listed:
+        parser.error(
+            "give either one photo, or many: --queries with --images, or --images with --camera"
+        )
+    one = {"json", "prior"}
+    many = {
+        *("images", "output", "coarse_output", "details"),
+        *("resume", "priors", "workers", "scheduler"),
+    }
+    alien = sorted(name for name in (one if listed else many) if getattr(options, name))
     if alien:
         option = "--" + alien[0].replace("_", "-")
-        parser.error(f"{option} does not go with {'--queries' if options.queries else 'a photo'}")
-    if options.photo is not None:
+        parser.error(f"{option} does not go with {'many photos' if listed else 'a photo'}")
+    if not listed:
+        if Path(options.photo).is_dir():
+            parser.error(f"{options.photo} is a folder; give it as --images, with --camera")
         return _localize_photo(options)
     if options.images is None or options.output is None:
-        parser.error("--queries needs --images and --output")
+        parser.error("many photos need --images and --output")
+    if options.queries is None and options.camera is None:
+        parser.error("--images without --queries needs --camera, one for all photos")
     return _localize_queries(options)
 
 
 def _localize_photo(options: argparse.Namespace) -> int:
     camera = None if options.camera is None else Camera.parse(options.camera)
     prior = _prior(options)
-    image = read_image(options.photo)
-    if camera is not None:
-        camera.check_fits(image.shape, options.photo)
+    if camera is None:
+        image = read_image(options.photo, upright=True)
+    else:
+        image = read_image_of(options.photo, camera)
     with Localizer(
         open_map(options.map),
         LocalizerSettings(retrieval_model=options.retrieval_model),
@@ -108,7 +136,9 @@ def _localize_photo(options: argparse.Namespace) -> int:
     ) as localizer:
         if camera is None:
             try:
-                camera = localizer.estimate_camera(image, camera_from_exif(options.photo))
+                camera = localizer.estimate_camera(
+                    image, camera_from_exif(options.photo, upright=True)
+                )
             except CameraError as error:  # as if the photo were not recognized
                 print(f"{options.photo}: not localized: {error}", file=sys.stderr)
                 return 1
@@ -138,20 +168,29 @@ def _prior(options: argparse.Namespace) -> PosePrior | None:
 
 
 def _localize_queries(options: argparse.Namespace) -> int:
-    queries = read_query_list(options.queries)
+    camera = None if options.camera is None else Camera.parse(options.camera)
     if not Path(options.images).is_dir():
         raise QueryListError(f"--images {options.images} is not a folder")
+    if options.queries is not None:
+        queries = read_query_list(options.queries, camera, options.images)
+    else:
+        assert camera is not None
+        queries = folder_queries(options.images, camera)
+    queries = fit_queries(queries, options.images)
     output = Path(options.output)
     if not output.name:
         raise OutputError(f"--output {output} is a folder; give a file for the poses")
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
-    check_outputs([output, details_path, options.coarse_output], inputs=[options.queries])
+    inputs = [given for given in (options.queries, options.priors) if given is not None]
+    check_outputs([output, details_path, options.coarse_output], inputs)
+    priors = _priors(options, queries)
     instructions = Instructions.of(
         options.map,
         options.images,
         LocalizerSettings(retrieval_model=options.retrieval_model),
         options.matcher,
         options.backend,
+        priors,
     )
     coarse = None if options.coarse_output is None else Path(options.coarse_output)
     details, _ = localize_to_files(
@@ -166,13 +205,22 @@ def _localize_queries(options: argparse.Namespace) -> int:
     return _summarize(details, output, details_path)
 
 
+def _priors(options: argparse.Namespace, queries: Sequence[Query]) -> dict[str, PosePrior]:
+    if options.priors is None:
+        if options.prior_sigma is not None:
+            options.parser.error("--prior-sigma needs --priors, where there are --queries")
+        return {}
+    priors = read_priors(options.priors, queries, *(options.prior_sigma or ()))
+    print(f"{len(priors)} of {len(queries)} photos have a prior", file=sys.stderr)
+    return priors
+
+
 def _summarize(details: Sequence[Mapping[str, Any]], output: Path, details_path: Path) -> int:
     localized = sum(detail["status"] == "localized" for detail in details)
     print(f"{localized} of {len(details)} photos localized: {output}; details: {details_path}")
     failed = [detail for detail in details if detail["status"] == "failed"]
     if failed:
-        print(
-            f"{len(failed)} photos could not be used, the first: {failed[0]['reason']}",
-            file=sys.stderr,
-        )
+        name, reason = str(failed[0]["name"]), str(failed[0]["reason"])
+        first = reason if name in reason else f"{name}: {reason}"
+        print(f"{len(failed)} photos could not be used, the first: {first}", file=sys.stderr)
     return 0 if localized else 1

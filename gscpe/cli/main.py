@@ -21,10 +21,14 @@ from gscpe.cli import (
     localize,
     models,
     render,
+    train,
 )
 from gscpe.errors import GscpeError
 
-_COMMANDS = (demo, build_map, localize, benchmark, evaluate, convert_poses, render, models, doctor)
+_COMMANDS = (
+    *(demo, train, build_map, localize, benchmark, evaluate, convert_poses, render, models),
+    doctor,
+)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -8,9 +8,10 @@ from gscpe.coarse.loop import (
     CoarseSettings,
     estimate_coarse_pose,
 )
-from gscpe.coarse.pnp import PnPSettings
+from gscpe.coarse.pnp import AbsolutePose, PnPSettings
 
 __all__ = [
+    "AbsolutePose",
     "CoarseObserver",
     "CoarseResult",
     "CoarseSettings",

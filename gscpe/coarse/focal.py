@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.coarse.pnp import PnPSettings, cell_crowds, solve_observed
 from gscpe.coarse.ransac import sample_absolute_pose
 from gscpe.geometry import se3
@@ -16,6 +16,7 @@ from gscpe.geometry.projection import pose_jacobian, project, transform_points
 
 _BEHIND = 1e-6
 _ITERATIONS = 50
+_MIN_MATCHES = 8
 
 
 @dataclass(frozen=True)
@@ -47,16 +48,21 @@ class FocalEstimate:
     """A pose, and the focal length that goes with it.
 
     Attributes:
-        camera: of one focal length, principal point as in the guess.
+        camera: with the guess's principal point and ratio of focal lengths.
         cam_from_world: (4, 4).
+        ratio: of its focal lengths to those of the camera that was given.
         relative_sigma: standard deviation of the focal length, as a share of it.
         inliers: matches that agree.
     """
 
     camera: Camera
     cam_from_world: Float64Array
+    ratio: float
     relative_sigma: float
     inliers: int
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def estimate_focal_length(
@@ -80,7 +86,7 @@ def estimate_focal_length(
     """
     best: tuple[int, Camera, Float64Array] | None = None
     for factor in np.geomspace(settings.widest, settings.narrowest, settings.steps):
-        camera = _with_focal(guess, factor * guess.fx)
+        camera = _times(guess, factor)
         cam_from_world = sample_absolute_pose(
             points_world,
             pixels,
@@ -93,25 +99,73 @@ def estimate_focal_length(
         if best is None or near.sum() > best[0]:
             best = int(near.sum()), camera, cam_from_world
     if best is None or best[0] < settings.min_inliers:
-        found = 0 if best is None else best[0]
-        return f"only {found} matches agree with any focal length ({settings.min_inliers} needed)"
-    return _refined(points_world, pixels, best[1], best[2], pnp, settings)
+        agreeing = 0 if best is None else best[0]
+        return (
+            f"only {agreeing} matches agree with any focal length ({settings.min_inliers} needed)"
+        )
+    found = solve_focal_length(points_world, pixels, best[1], best[2], pnp)
+    if found is None or found.inliers < settings.min_inliers:
+        return "the matches do not agree on a focal length"
+    if found.relative_sigma > settings.max_relative_sigma:
+        return (
+            f"the matches leave it open (standard deviation {found.relative_sigma:.0%}), as those "
+            "of a flat wall do; give the intrinsics"
+        )
+    return replace(found, camera=replace(found.camera, focal_sigma=found.relative_sigma))
 
 
-def _refined(
+_STARTS = (1.0, 0.8, 0.9, 1.11, 1.25)
+"""Multiples of the given focal length to begin from; the first wins where it is as good."""
+
+
+def check_focal_length(
     points_world: Float64Array,
     pixels: Float64Array,
     camera: Camera,
     cam_from_world: Float64Array,
     pnp: PnPSettings,
-    settings: FocalSettings,
-) -> FocalEstimate | str:
-    """Gauss-Newton over the pose and the logarithm of the focal length."""
+) -> FocalEstimate | None:
+    """The focal length that most matches agree on, found from a pose that was solved for with a
+    given one; None when few agree on any.
+
+    With a wrong one the camera seems to be too near or too far, and only matches of one depth
+    agree; so other focal lengths are begun from too, the camera moved along its axis until the
+    middle of the scene looks the same.
+
+    Arguments as :func:`estimate_focal_length`; ``cam_from_world``: (4, 4), of the given camera.
+    """
+    depths = transform_points(cam_from_world, points_world)[:, 2]
+    ahead = depths[depths > _BEHIND]
+    if not len(ahead):
+        return None
+    best: FocalEstimate | None = None
+    for factor in _STARTS:
+        start = cam_from_world.copy()
+        start[2, 3] += (factor - 1.0) * float(np.median(ahead))
+        found = solve_focal_length(points_world, pixels, _times(camera, factor), start, pnp)
+        if found is not None and (best is None or found.inliers > 1.02 * best.inliers):
+            best = replace(found, ratio=factor * found.ratio)
+    return best
+
+
+def solve_focal_length(
+    points_world: Float64Array,
+    pixels: Float64Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    pnp: PnPSettings,
+) -> FocalEstimate | None:
+    """Gauss-Newton over the pose and the logarithm of the focal length, from a start that is near
+    enough; None when few matches agree with it.
+
+    Arguments as :func:`estimate_focal_length`; ``cam_from_world``: (4, 4), the start.
+    """
+    given = camera.fx
     for _ in range(_ITERATIONS):
         # Wider than an inlier: the focal length may still be off by a step.
         near, squared = _near(points_world, pixels, camera, cam_from_world, 3 * pnp.inlier_pixels)
-        if near.sum() < settings.min_inliers:
-            return "the matches do not agree on a focal length"
+        if near.sum() < _MIN_MATCHES:
+            return None
         points_in_cam = transform_points(cam_from_world, points_world[near])
         predicted = project(camera, points_in_cam)
         residuals = pixels[near] - predicted
@@ -124,19 +178,14 @@ def _refined(
         hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
         step = solve_observed(hessian, np.einsum("nri,n,nr->i", jacobian, weights, residuals))
         cam_from_world = se3.exp(step[:6]) @ cam_from_world
-        camera = _with_focal(camera, camera.fx * float(np.exp(np.clip(step[6], -0.2, 0.2))))
+        camera = _times(camera, float(np.exp(np.clip(step[6], -0.2, 0.2))))
         if np.abs(step).max() < 1e-8:
             break
     variance = float(np.sum(weights * squared[near]) / (2.0 * np.sum(weights)))
     covariance = pnp.noise_correlation * variance * covariance_from_information(hessian)
     sigma = float(np.sqrt(covariance[6, 6]))
-    if sigma > settings.max_relative_sigma:
-        return (
-            f"the matches leave it open (standard deviation {sigma:.0%}), as those of a flat wall "
-            "do; give the intrinsics"
-        )
     near, _ = _near(points_world, pixels, camera, cam_from_world, pnp.inlier_pixels)
-    return FocalEstimate(camera, cam_from_world, sigma, int(near.sum()))
+    return FocalEstimate(camera, cam_from_world, camera.fx / given, sigma, int(near.sum()))
 
 
 def _near(
@@ -154,7 +203,5 @@ def _near(
     return ahead & (squared < threshold**2), squared
 
 
-def _with_focal(camera: Camera, focal: float) -> Camera:
-    return Camera.pinhole(
-        camera.width, camera.height, fx=focal, fy=focal, cx=camera.cx, cy=camera.cy
-    )
+def _times(camera: Camera, factor: float) -> Camera:
+    return replace(camera, fx=factor * camera.fx, fy=factor * camera.fy)

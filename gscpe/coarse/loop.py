@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
+from gscpe.coarse.focal import FocalEstimate, check_focal_length
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
 from gscpe.errors import SettingsError
@@ -60,6 +61,8 @@ class CoarseResult:
         rounds: renders made.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``; None where there is no pose.
         converged: whether the last round moved the pose less than the tolerances.
+        focal: pose and focal length that the matches ask for where the camera's own is not taken
+            for granted; None where there is no pose, or few matches agree.
     """
 
     cam_from_world: Float64Array | None
@@ -70,6 +73,10 @@ class CoarseResult:
     covariance: Float64Array | None
     rounds: int
     converged: bool
+    focal: FocalEstimate | None = None
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 class CoarseObserver:
@@ -104,7 +111,7 @@ def estimate_coarse_pose(
     """
     current = start_cam_from_world
     best: AbsolutePose | None = None
-    best_matches, best_pixels = 0, np.zeros((0, 2))
+    best_points, best_pixels = np.zeros((0, 3)), np.zeros((0, 2))
     rounds, converged = 0, False
     while rounds < settings.max_rounds and not converged:
         view = renderer.render(camera, current)
@@ -124,9 +131,11 @@ def estimate_coarse_pose(
         if best is None or estimate.inliers.sum() >= 0.5 * best.inliers.sum():
             # A later round sees the scene from nearer by: it replaces the earlier unless
             # it lost the place.
-            best, best_matches, best_pixels = estimate, len(pixels), pixels[estimate.inliers]
+            best, best_points, best_pixels = estimate, points_world[liftable], pixels
         if estimate.inliers.sum() < settings.min_inliers:
-            _log.debug("round %d: %d matches agree, no better than chance", rounds, best_matches)
+            _log.debug(
+                "round %d: %d matches agree, no better than chance", rounds, len(best_pixels)
+            )
             break
         moved = pose_difference(estimate.cam_from_world, current)
         _log.debug(
@@ -140,11 +149,16 @@ def estimate_coarse_pose(
         current = estimate.cam_from_world
     return CoarseResult(
         cam_from_world=None if best is None else best.cam_from_world,
-        matches=best_matches,
+        matches=len(best_pixels),
         inliers=0 if best is None else int(best.inliers.sum()),
-        inlier_pixels=best_pixels,
+        inlier_pixels=best_pixels if best is None else best_pixels[best.inliers],
         rms_pixels=float("nan") if best is None else best.rms_pixels,
         covariance=None if best is None else best.covariance,
         rounds=rounds,
         converged=converged,
+        focal=None
+        if best is None
+        else check_focal_length(
+            best_points, best_pixels, camera, best.cam_from_world, settings.pnp
+        ),
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.coarse.ransac import RansacSettings, sample_absolute_pose
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
@@ -57,6 +57,9 @@ class AbsolutePose:
     inliers: BoolArray
     rms_pixels: float
     covariance: Float64Array
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def estimate_absolute_pose(

@@ -13,8 +13,9 @@ from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import DatasetError, SettingsError
 from gscpe.scene import References
 from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.photo_name import with_slashes
 from gscpe.scene.poses.hloc import read_poses
-from gscpe.scene.query_list import Query, read_query_list
+from gscpe.scene.query_list import Query, fit_queries, read_query_list
 
 NAME = "COLMAP"
 TRUTH = "colmap"
@@ -44,7 +45,8 @@ def read_colmap(
 
     Args:
         model_folder: with cameras.bin or cameras.txt.
-        image_folder: that the model's names are relative to; must hold all of them.
+        image_folder: that the model's names are relative to; must hold all of them. Photos may
+            be larger or smaller than the model says, all by one factor.
         metres_per_unit: of the model; None: unknown.
         scene: name of the scene; None: that of the folder around the image folder.
 
@@ -97,7 +99,7 @@ def _with_queries(
     scene: str,
 ) -> Dataset:
     """All photos of the model are references; those of a list, with a true pose, are queries."""
-    cameras = {query.name: query.camera for query in read_query_list(queries)}
+    cameras = {query.name: query.camera for query in read_query_list(queries, None, query_folder)}
     found = photos_on_disk(query_folder, cameras, f"the folder that {queries} is of")
     true_poses = read_poses(truth)
     known = {found[name]: name for name in found if name in true_poses}
@@ -108,8 +110,8 @@ def _with_queries(
             "%d of the %d photos of %s are not there or have no pose in %s, and are left out",
             *(len(cameras) - len(known), len(cameras), queries, truth),
         )
-    asked = {photo: cameras[name] for photo, name in known.items()}
-    check_sizes(image_folder, dict(zip(model.names, model.cameras, strict=True)))
+    listed = [Query(photo, cameras[name]) for photo, name in known.items()]
+    asked = {query.name: query.camera for query in fit_queries(listed, query_folder)}
     check_sizes(query_folder, asked)
     return Dataset(
         name=NAME,
@@ -125,4 +127,5 @@ def _with_queries(
 
 
 def _read_names(path: Path) -> frozenset[str]:
-    return frozenset(line for _, line in read_lines(path, "you: a photo name a line"))
+    lines = (line for _, line in read_lines(path, "you: a photo name a line"))
+    return frozenset(with_slashes(line.rstrip(", ")) for line in lines)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Mapping
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.errors import DatasetError
 from gscpe.scene import References
 from gscpe.scene.query_list import Query
@@ -60,3 +60,6 @@ class Dataset:
         both = {query.name for query in self.queries} & set(self.references.names)
         if both:
             raise DatasetError(f"{what}: {min(both)} is both a reference and a query")
+
+    def __repr__(self) -> str:
+        return short_repr(self)

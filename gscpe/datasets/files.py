@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
 from gscpe.errors import DatasetError
+from gscpe.scene.text_file import read_text_file
 
 
 def missing(path: Path, source: str) -> DatasetError:
@@ -34,7 +35,7 @@ def read_text(path: Path, source: str) -> str:
         DatasetError: the file is missing, cannot be read, or is not text.
     """
     with reading(path, source):
-        return path.read_text(encoding="utf-8-sig")
+        return read_text_file(path)
 
 
 def read_lines(path: Path, source: str) -> list[tuple[int, str]]:

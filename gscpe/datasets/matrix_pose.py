@@ -17,7 +17,7 @@ _ROTATION_TOLERANCE = 1e-3
 
 
 def invert_pose(world_from_cam: ArrayLike, where: str) -> Float64Array:
-    """``cam_from_world``, (4, 4), of a (4, 4) camera-to-world matrix.
+    """``cam_from_world``, (4, 4), of a (4, 4) camera-to-world matrix, or of its first 3 rows.
 
     Files round: the rotation is replaced by the nearest exact one, at most 1e-3 away.
 
@@ -28,6 +28,8 @@ def invert_pose(world_from_cam: ArrayLike, where: str) -> Float64Array:
         matrix = np.asarray(world_from_cam, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
+    if matrix.shape == (3, 4):
+        matrix = np.vstack([matrix, (0.0, 0.0, 0.0, 1.0)])
     # 1e15: beyond it, sums of products of coordinates say nothing any more.
     if matrix.shape != (4, 4) or not np.all(np.abs(matrix) < 1e15):
         raise DatasetError(f"{where}: not a 4x4 matrix of finite numbers")
@@ -52,8 +54,9 @@ def read_matrix_poses(paths: Mapping[str, Path], source: str) -> dict[str, Float
     for name, path in paths.items():
         try:
             words = read_text(path, source).split()
-            numbers = parse_numbers(words, 16, str(path), "16 numbers of a 4x4 matrix")
-            poses[name] = invert_pose(np.reshape(numbers, (4, 4)), str(path))
+            count = 12 if len(words) == 12 else 16  # KITTI's have three rows
+            numbers = parse_numbers(words, count, str(path), "16 numbers of a 4x4 matrix")
+            poses[name] = invert_pose(np.reshape(numbers, (-1, 4)), str(path))
         except DatasetError:
             continue
     return poses

@@ -18,10 +18,17 @@ from gscpe.datasets.assembly import make_dataset
 from gscpe.datasets.dataset import Dataset
 from gscpe.datasets.files import number_at, read_text
 from gscpe.datasets.matrix_pose import invert_pose
-from gscpe.datasets.photos import common_parent, image_sizes, photos_on_disk, relative_name
+from gscpe.datasets.photos import (
+    common_parent,
+    image_size,
+    photo_on_disk,
+    photos_on_disk,
+    relative_name,
+)
 from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
+from gscpe.scene.photo_name import with_slashes
 
 NAME = "nerfstudio"
 SOURCE = "ns-process-data or instant-ngp's colmap2nerf.py"
@@ -44,7 +51,8 @@ def read_transforms(
 ) -> Dataset:
     """The photos of a transforms.json, or of the folder that holds it.
 
-    Poses are 4x4 camera to world with OpenGL axes. They are taken as they are: nerfstudio has
+    Poses are 4x4 (or 3x4) camera to world with OpenGL axes. Photos without a usable one (NaN) are
+    left out, with one logged warning. They are taken as they are: nerfstudio has
     turned (and may have moved) the world and says how in ``applied_transform``; the splat must
     be in the same frame, which its exporter decides.
 
@@ -54,8 +62,8 @@ def read_transforms(
     (Blender scenes) is split by these.
 
     Intrinsics ``fl_x, fl_y, cx, cy, w, h, k1, k2, k3, p1, p2`` are of the file or of a frame;
-    ``camera_angle_x`` stands in for ``fl_x``, the photo's size for ``w, h``, and the image centre
-    for ``cx, cy``. Pixels are COLMAP's.
+    ``camera_angle_x`` stands in for ``fl_x``, each photo's own size for ``w, h``, and the image
+    centre for ``cx, cy``. Pixels are COLMAP's.
 
     Args:
         every: see above.
@@ -91,13 +99,14 @@ def read_transforms(
             frames = {name: frame for name, frame in frames.items() if name in kept}
     else:
         queries, split = every_nth(frames, every), every_nth_text(every)
-    sizes = image_sizes(parent, frames)
+    # Each photo's own: portraits and landscapes lie in one folder.
+    sizes = {name: image_size(parent / name) for name, f in frames.items() if _is_sizeless(f)}
     return make_dataset(
         name=NAME,
         scene=folder.absolute().name,
         image_folder=parent,
-        cameras={name: _camera(frame, sizes[name]) for name, frame in frames.items()},
-        truths={"transforms": {name: _pose(frame) for name, frame in frames.items()}},
+        cameras={name: _camera(frame, sizes.get(name)) for name, frame in frames.items()},
+        truths={"transforms": _poses(frames)},
         queries=queries,
         metres_per_unit=metres_per_unit,
         split=split,
@@ -124,7 +133,8 @@ def _frames(tree: Mapping[str, Any], path: Path) -> list[_Frame]:
         name = frame.get("file_path") if isinstance(frame, dict) else None
         if not isinstance(name, str) or not name:
             raise DatasetError(f"{path}, frame {i}: file_path is missing")
-        result.append(_Frame(name, common | frame, f"{path}, frame {i} ({name})"))
+        where = f"{path}, frame {i} ({name})"
+        result.append(_Frame(_name(path.parent, name), common | frame, where))
     return result
 
 
@@ -135,7 +145,30 @@ def _listed(
     listed = tree[key]
     if not isinstance(listed, list):
         raise DatasetError(f"{path}: {key} is not a list of names")
-    return frozenset(names[name] for name in listed if isinstance(name, str) and name in names)
+    there = (_name(path.parent, name) for name in listed if isinstance(name, str))
+    return frozenset(names[name] for name in there if name in names)
+
+
+def _name(folder: Path, listed: str) -> str:
+    """As listed, or with ``/`` for the backslashes of Windows; Blender scenes leave the ending."""
+    return listed if photo_on_disk(folder, listed) else with_slashes(listed)
+
+
+def _poses(frames: Mapping[str, _Frame]) -> dict[str, Float64Array]:
+    """The usable poses; recorders write NaN where tracking was lost.
+
+    Raises:
+        DatasetError: none is usable; the message is about the first.
+    """
+    poses, wrong = {}, []
+    for name, frame in frames.items():
+        try:
+            poses[name] = _pose(frame)
+        except DatasetError as error:
+            wrong.append(error)
+    if wrong and not poses:
+        raise wrong[0]
+    return poses
 
 
 def _pose(frame: _Frame) -> Float64Array:
@@ -146,7 +179,12 @@ def _pose(frame: _Frame) -> Float64Array:
     return np.asarray(_OPENGL_FROM_OPENCV.T @ opengl_from_world)
 
 
-def _camera(frame: _Frame, size: tuple[int, int]) -> Camera:
+def _is_sizeless(frame: _Frame) -> bool:
+    return "w" not in frame.values or "h" not in frame.values
+
+
+def _camera(frame: _Frame, size: tuple[int, int] | None) -> Camera:
+    """``size`` of the photo stands in where the frame says none."""
     values = frame.values
     model = str(values.get("camera_model", "OPENCV")).upper()
     if model not in _MODELS or values.get("is_fisheye"):
@@ -159,7 +197,7 @@ def _camera(frame: _Frame, size: tuple[int, int]) -> Camera:
     def value(key: str, default: float | None = None) -> float:
         return number_at(values, key, frame.where, default)
 
-    width, height = value("w", size[0]), value("h", size[1])
+    width, height = value("w", size and size[0]), value("h", size and size[1])
     if not all(1 <= length <= 1e6 and length == int(length) for length in (width, height)):
         raise DatasetError(f"{frame.where}: w, h = {width}, {height} is not a possible image size")
     if value("k4", 0.0) != 0.0:

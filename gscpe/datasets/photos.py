@@ -7,8 +7,9 @@ import os
 from pathlib import Path, PurePosixPath
 from typing import Iterable, Mapping
 
-from gscpe.errors import DatasetError
+from gscpe.errors import DatasetError, PhotoError
 from gscpe.geometry.camera import Camera
+from gscpe.scene.photo_size import photo_size
 
 _ENDINGS = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 _logger = logging.getLogger(__name__)
@@ -63,13 +64,10 @@ def image_size(path: Path) -> tuple[int, int]:
     Raises:
         DatasetError: the file is missing or not an image.
     """
-    from PIL import Image
-
     try:
-        with Image.open(path) as image:
-            return image.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise DatasetError(f"{path} is not an image that can be read: {error}") from error
+        return photo_size(path)
+    except PhotoError as error:
+        raise DatasetError(str(error)) from error
 
 
 def image_sizes(folder: Path, names: Iterable[str]) -> dict[str, tuple[int, int]]:

@@ -37,7 +37,7 @@ def load_motorcycle() -> Motorcycle:
     """Loads the pair from scikit-image."""
     import skimage.data
 
-    left, right, disparity = skimage.data.stereo_motorcycle()  # type: ignore[no-untyped-call]
+    left, right, disparity = skimage.data.stereo_motorcycle()
     height, width = left.shape[:2]
     known = np.isfinite(disparity)
     shift = np.where(known, disparity, 0.0) + (_RIGHT_CX - _LEFT_CX)

@@ -24,8 +24,9 @@ class Evaluation:
         queries: photos in the truth list.
         localized: those that have an estimate.
         median_distance, median_degrees: over the localized photos; NaN where there are none.
+            The distance is in metres, or in units whose length is not known.
         shares: for each of THRESHOLDS, the share of *all* queries within it: a photo that
-            was not localized counts as a failure.
+            was not localized counts as a failure. NaN where the unit is not known.
         ignored: estimates whose photo is not in the truth list.
     """
 
@@ -70,13 +71,14 @@ def expected_error(covariance: Float64Array, metres_per_unit: float = 1.0) -> Po
 def evaluate(
     estimates: Mapping[str, Float64Array],
     truth: Mapping[str, Float64Array],
-    metres_per_unit: float = 1.0,
+    metres_per_unit: float | None = 1.0,
 ) -> Evaluation:
     """Compares estimated with true ``cam_from_world``, (4, 4) each, by photo name.
 
     Args:
         estimates, truth: poses by name, in the same frame and unit.
-        metres_per_unit: of both; distances are given in metres.
+        metres_per_unit: of both; distances are given in metres. None: unknown; then they are in
+            units, and the shares, whose limits are metres, are NaN.
 
     Raises:
         PoseError: the truth is empty, or no estimate is of a photo in it.
@@ -90,7 +92,8 @@ def evaluate(
             f"for example {next(iter(estimates))!r} against {next(iter(truth))!r}"
         )
     errors = [pose_difference(estimates[name], truth[name]) for name in common]
-    distances = metres_per_unit * np.array([error.distance for error in errors])
+    unit = 1.0 if metres_per_unit is None else metres_per_unit
+    distances = unit * np.array([error.distance for error in errors])
     degrees = np.array([error.degrees for error in errors])
     return Evaluation(
         queries=len(truth),
@@ -98,7 +101,9 @@ def evaluate(
         median_distance=float(np.median(distances)) if common else float("nan"),
         median_degrees=float(np.median(degrees)) if common else float("nan"),
         shares=tuple(
-            float(np.count_nonzero((distances <= metres) & (degrees <= limit)) / len(truth))
+            float("nan")
+            if metres_per_unit is None
+            else float(np.count_nonzero((distances <= metres) & (degrees <= limit)) / len(truth))
             for metres, limit in THRESHOLDS
         ),
         ignored=len(estimates) - len(common),

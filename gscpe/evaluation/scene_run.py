@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, Mapping
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.evaluation.metrics import Evaluation, evaluate
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.scene.poses.hloc import parse_pose
@@ -33,6 +33,9 @@ class SceneRun:
     truths: Mapping[str, Mapping[str, Float64Array]]
     metres_per_unit: float | None
     setup: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
     def poses(self, stage: Stage) -> dict[str, Float64Array]:
         """``cam_from_world``, (4, 4), of the localized photos by name: the final poses, or

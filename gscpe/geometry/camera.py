@@ -10,8 +10,8 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError
 
-# COLMAP model -> names of its parameters, in COLMAP's order. All are special cases
-# of OpenCV's rational model, so that one undistortion serves them all.
+# COLMAP model -> names of its parameters, in COLMAP's order. All but the fisheyes are special
+# cases of OpenCV's rational model, those of THIN_PRISM_FISHEYE.
 _MODEL_PARAMETERS = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
@@ -20,18 +20,35 @@ _MODEL_PARAMETERS = {
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
     "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
+_FISHEYE_PARAMETERS = {
+    "SIMPLE_FISHEYE": ("f", "cx", "cy"),
+    "FISHEYE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL_FISHEYE": ("f", "cx", "cy", "k1"),
+    "RADIAL_FISHEYE": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV_FISHEYE": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
+    "THIN_PRISM_FISHEYE": (
+        *("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
+    ),
+}
 _DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_FISHEYE_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1")
+_WIDEST_TANGENT = 1.2  # 50 degrees to a side, of a pinhole that stands in for a fisheye
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera, with OpenCV lens distortion if ``distortion`` is not empty.
+    """A pinhole camera, with lens distortion if ``distortion`` is not empty, or a fisheye.
 
     Attributes:
         width, height: image size in pixels.
         fx, fy: focal lengths in pixels.
         cx, cy: principal point in pixels; the centre of the top-left pixel is (0.5, 0.5).
-        distortion: empty, or OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6).
+        distortion: empty, or OpenCV's (k1, k2, p1, p2, k3, k4, k5, k6); for a fisheye, that of
+            COLMAP's THIN_PRISM_FISHEYE, (k1, k2, p1, p2, k3, k4, sx1, sy1).
+        fisheye: whether the distance from the principal point grows with the angle (times a
+            polynomial of it), not with its tangent.
+        focal_sigma: standard deviation of the focal lengths, as a share of them; 0 where they are
+            exact. It goes into the covariance of poses.
 
     Raises:
         CameraError: a size or a focal length is not positive, or a number is not finite.
@@ -44,6 +61,8 @@ class Camera:
     cx: float
     cy: float
     distortion: tuple[float, ...] = ()
+    fisheye: bool = False
+    focal_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -55,6 +74,8 @@ class Camera:
             raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 8):
             raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
+        if not 0 <= self.focal_sigma < np.inf:
+            raise CameraError(f"focal_sigma must be 0 or more, not {self.focal_sigma}")
 
     @classmethod
     def pinhole(
@@ -72,9 +93,10 @@ class Camera:
         Raises:
             CameraError: the model is not supported or has another number of parameters.
         """
-        names = _MODEL_PARAMETERS.get(model)
+        fisheye = model in _FISHEYE_PARAMETERS
+        names = _MODEL_PARAMETERS.get(model) or _FISHEYE_PARAMETERS.get(model)
         if names is None:
-            known = ", ".join(_MODEL_PARAMETERS)
+            known = ", ".join([*_MODEL_PARAMETERS, *_FISHEYE_PARAMETERS])
             raise CameraError(
                 f"camera model {model!r} is not supported (supported: {known}); "
                 "undistort the photos to PINHOLE first"
@@ -84,7 +106,8 @@ class Camera:
                 f"{model} takes {len(names)} parameters ({', '.join(names)}), got {len(parameters)}"
             )
         values = dict(zip(names, (float(p) for p in parameters), strict=True))
-        distortion = tuple(values.get(name, 0.0) for name in _DISTORTION_NAMES)
+        distortion_names = _FISHEYE_NAMES if fisheye else _DISTORTION_NAMES
+        distortion = tuple(values.get(name, 0.0) for name in distortion_names)
         return cls(
             width,
             height,
@@ -93,18 +116,20 @@ class Camera:
             values["cx"],
             values["cy"],
             distortion if any(distortion) else (),
+            fisheye,
         )
 
     @classmethod
     def parse(cls, text: str) -> Camera:
-        """A camera from ``MODEL,width,height,params...`` (commas or blanks between).
+        """A camera from ``MODEL,width,height,params...`` (commas or blanks between; sizes may be
+        written as ``640.0``).
 
         Raises:
             CameraError: the text has another form.
         """
         words = text.replace(",", " ").split()
         try:
-            model, width, height = words[0].upper(), int(words[1]), int(words[2])
+            model, width, height = words[0].upper(), _whole(words[1]), _whole(words[2])
             parameters = [float(word) for word in words[3:]]
         except (IndexError, ValueError):
             raise CameraError(
@@ -115,19 +140,37 @@ class Camera:
 
     def colmap_text(self) -> str:
         """``MODEL width height params...`` in COLMAP's words; :meth:`parse` reads it back."""
-        numbers = [self.fx, self.fy, self.cx, self.cy, *self.distortion]
-        model = "FULL_OPENCV" if self.distortion else "PINHOLE"
+        model, distortion = "PINHOLE", self.distortion
+        if self.fisheye:
+            k1, k2, p1, p2, k3, k4, sx1, sy1 = distortion or (0.0,) * 8
+            model = "THIN_PRISM_FISHEYE"
+            if not any((p1, p2, sx1, sy1)):
+                model, distortion = "OPENCV_FISHEYE", (k1, k2, k3, k4)
+        elif distortion:
+            model = "FULL_OPENCV"
+        numbers = [self.fx, self.fy, self.cx, self.cy, *distortion]
         words = (repr(float(number)) for number in numbers)  # repr(np.float64) is not a number
         return " ".join([model, str(self.width), str(self.height), *words])
 
     @property
     def is_pinhole(self) -> bool:
         """Whether the camera is free of distortion."""
-        return not self.distortion
+        return not self.distortion and not self.fisheye
 
     def without_distortion(self) -> Camera:
-        """The pinhole camera with the same size, focal lengths and principal point."""
-        return replace(self, distortion=())
+        """The pinhole camera with the same size, focal lengths and principal point.
+
+        In place of a fisheye, the pinhole that has its resolution in the middle, and a longer
+        focal length where it would see more than 50 degrees to a side: towards 90 degrees, there
+        would be nothing but stretched borders.
+        """
+        pinhole = replace(self, distortion=(), fisheye=False)
+        if not self.fisheye:
+            return pinhole
+        across = max(self.cx, self.width - self.cx) / self.fx
+        down = max(self.cy, self.height - self.cy) / self.fy
+        longer = max(1.0, across / _WIDEST_TANGENT, down / _WIDEST_TANGENT)
+        return replace(pinhole, fx=self.fx * longer, fy=self.fy * longer)
 
     def resized(self, width: int, height: int) -> Camera:
         """The camera of the same view at another image size.
@@ -163,3 +206,11 @@ class Camera:
                 f"{what} is {width}x{height}, but its camera is {self.width}x{self.height}; "
                 "give the camera of this very image size"
             )
+
+
+def _whole(word: str) -> int:
+    """Raises ValueError where the word is no whole number."""
+    number = float(word)
+    if not number.is_integer():
+        raise ValueError(f"{word} is not a whole number")
+    return int(number)

@@ -1,7 +1,6 @@
-"""Similarities, ``x_b = scale * rotation @ x_a + translation``, and their fit to points or poses.
+"""Similarities, ``x_b = scale * rotation @ x_a + translation``, and their fit to poses.
 
-S. Umeyama, *Least-squares estimation of transformation parameters between two point patterns*,
-PAMI 1991.
+The fit to points is in gscpe.geometry.alignment.
 """
 
 from __future__ import annotations
@@ -145,35 +144,6 @@ class PosesFit:
     def rms_degrees(self) -> float:
         """The same of the rotations."""
         return float(np.sqrt(np.average(self.degrees**2, weights=self.weights)))
-
-
-def fit_similarity(
-    points_b: ArrayLike, points_a: ArrayLike, weights: ArrayLike | None = None
-) -> Similarity:
-    """The similarity ``b_from_a`` that minimizes the weighted squared distances (Umeyama 1991).
-
-    Args:
-        points_b, points_a: (N, 3), N >= 3, not all on one line.
-        weights: (N,) >= 0; None: all the same.
-
-    Raises:
-        PoseError: the points do not determine one.
-    """
-    b, a = np.asarray(points_b, dtype=np.float64), np.asarray(points_a, dtype=np.float64)
-    if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 3 or len(a) < 3:
-        raise PoseError("a similarity needs three points or more, (N, 3), in both frames")
-    w = np.ones(len(a)) if weights is None else np.asarray(weights, dtype=np.float64)
-    w = w / max(float(w.sum()), _LEAST_SPREAD)
-    centred_a, centred_b = a - w @ a, b - w @ b
-    spread = float(w @ (centred_a**2).sum(axis=1))
-    singular = np.linalg.svd(centred_a * np.sqrt(w)[:, None], compute_uv=False)
-    if spread < _LEAST_SPREAD or singular[1] < 1e-9 * singular[0]:
-        raise PoseError("the points lie on one line: they determine no similarity")
-    rotation = _nearest_rotation((centred_b * w[:, None]).T @ centred_a)
-    scale = float(np.sum(w[:, None] * centred_b * (centred_a @ rotation.T)) / spread)
-    if scale <= 0:
-        raise PoseError("the points are not similar to each other")
-    return Similarity(scale, rotation, w @ b - scale * rotation @ (w @ a))
 
 
 def fit_similarity_of_poses(

@@ -32,6 +32,10 @@ class Attempt:
     aligned: RefinementResult | None
     doubt: str | None
 
+    def __repr__(self) -> str:
+        begun = f" {self.start.reference}" if self.start.reference else ""
+        return f"Attempt(from {self.start.kind}{begun}: {self.doubt or 'ok'})"
+
     def rank(self) -> tuple[bool, float, int]:
         """The better of two attempts ranks higher."""
         agreement = self.aligned.agreement if self.aligned else -1.0

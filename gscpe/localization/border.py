@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
+from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.starts import PosePrior
 from gscpe.refinement import RefinementResult
 from gscpe.render import RenderedView
 from gscpe.scene import MapFrame
-
-_Stage = TypeVar("_Stage", CoarseResult, RefinementResult)
 
 
 def prior_in_map(prior: PosePrior, frame: MapFrame) -> PosePrior:
@@ -32,20 +30,39 @@ def attempt_in_world(attempt: Attempt, frame: MapFrame) -> Attempt:
     return replace(
         attempt,
         start=replace(start, cam_from_world=frame.cam_from_world(start.cam_from_world)),
-        coarse=_stage_in_world(attempt.coarse, frame),
-        aligned=_stage_in_world(attempt.aligned, frame),
+        coarse=_coarse_in_world(attempt.coarse, frame),
+        aligned=_aligned_in_world(attempt.aligned, frame),
     )
 
 
-def _stage_in_world(result: _Stage | None, frame: MapFrame) -> _Stage | None:
-    if result is None or result.cam_from_world is None:
-        return result
-    covariance = result.covariance
+def _coarse_in_world(coarse: CoarseResult | None, frame: MapFrame) -> CoarseResult | None:
+    if coarse is None or coarse.cam_from_world is None:
+        return coarse
     return replace(
-        result,
-        cam_from_world=frame.cam_from_world(result.cam_from_world),
-        covariance=None if covariance is None else frame.world_covariance(covariance),
+        coarse,
+        cam_from_world=frame.cam_from_world(coarse.cam_from_world),
+        covariance=_covariance_in_world(coarse.covariance, frame),
+        focal=coarse.focal
+        and replace(coarse.focal, cam_from_world=frame.cam_from_world(coarse.focal.cam_from_world)),
     )
+
+
+def _aligned_in_world(aligned: RefinementResult | None, frame: MapFrame) -> RefinementResult | None:
+    if aligned is None or aligned.cam_from_world is None:
+        return aligned
+    return replace(
+        aligned,
+        cam_from_world=frame.cam_from_world(aligned.cam_from_world),
+        covariance=_covariance_in_world(aligned.covariance, frame),
+        unshared=_covariance_in_world(aligned.unshared, frame),
+        by_log_focal=None
+        if aligned.by_log_focal is None
+        else aligned.by_log_focal / np.repeat([frame.scale, 1.0], 3),
+    )
+
+
+def _covariance_in_world(covariance: Float64Array | None, frame: MapFrame) -> Float64Array | None:
+    return None if covariance is None else frame.world_covariance(covariance)
 
 
 def view_in_world(view: RenderedView, frame: MapFrame) -> RenderedView:

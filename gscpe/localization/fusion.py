@@ -43,12 +43,22 @@ def fuse_matches_and_alignment(
     aligned_cam_from_world: Float64Array,
     aligned_covariance: Float64Array,
     settings: FusionSettings,
+    unshared: Float64Array | None = None,
 ) -> tuple[Float64Array, Float64Array]:
     """The mean of a coarse and an aligned pose, (4, 4), and its covariance, (6, 6), of xi in
-    ``exp(xi) @ cam_from_world``; arguments as :func:`fuse_poses`."""
+    ``exp(xi) @ cam_from_world``; arguments as :func:`fuse_poses`.
+
+    Along stripes, any place is like the next, so that matches are made between the same rows of
+    both images: they agree with each other, and with a camera that has not moved. Their scatter
+    does not tell. So the variance that the alignment has because the images share no gradients,
+    ``unshared``, (6, 6), is theirs, too.
+    """
+    matched_covariance = settings.matches_variance_factor * matched_covariance
+    if unshared is not None:
+        matched_covariance = matched_covariance + unshared
     return fuse_poses(
         matched_cam_from_world,
-        settings.matches_variance_factor * matched_covariance,
+        matched_covariance,
         aligned_cam_from_world,
         aligned_covariance,
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import logging
 import threading
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 from typing import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -13,12 +15,13 @@ import numpy as np
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.closing import Closing
 from gscpe.coarse import estimate_coarse_pose
-from gscpe.errors import CameraError, MapError, PoseError
+from gscpe.errors import CameraError, ClosedError, MapError, PoseError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
 from gscpe.localization.attempt import Attempt, PreparedPhoto
 from gscpe.localization.border import prior_in_map, view_in_world
 from gscpe.localization.clock import Clock
+from gscpe.localization.light import trouble_with_light
 from gscpe.localization.observer import Observer
 from gscpe.localization.result import NO_FEATURES, LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
@@ -38,7 +41,8 @@ from gscpe.matching import Matcher, XFeatMatcher, make_matcher
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.render import RenderedView, Renderer
 from gscpe.retrieval import ReferenceIndex, RetrievedReference, open_describer
-from gscpe.scene import Map, Photo, to_photo
+from gscpe.scene import GaussianScene, Map, Photo, open_map, to_photo
+from gscpe.scene.image_array import check_image
 from gscpe.scene.photo import resized_photo
 
 _log = logging.getLogger(__name__)
@@ -53,13 +57,14 @@ class Localizer(Closing):
     worked on, the others wait; for more at a time, take processes (gscpe.batch).
 
     Args:
-        map_: to localize in.
+        map_: to localize in, or the path of its folder.
         settings: of every stage.
         matcher: of photo and render, or the name of one, or None for "auto"; see
-            :func:`gscpe.matching.make_matcher`.
-        backend, progress: as :class:`gscpe.render.Renderer`.
+            :func:`gscpe.make_matcher`.
+        backend, progress: as :class:`gscpe.Renderer`.
 
     Raises:
+        MapError: what is given is no map, nor the folder of one.
         RenderError: there is nothing to render with.
         SettingsError, ModelError, MissingDependencyError: of :func:`make_matcher`.
         MapError, ModelError, MissingDependencyError: queries cannot be described as the map's
@@ -68,12 +73,22 @@ class Localizer(Closing):
 
     def __init__(
         self,
-        map_: Map,
+        map_: Map | str | Path,
         settings: LocalizerSettings | None = None,
         matcher: Matcher | str | None = None,
         backend: str = "auto",
         progress: bool = False,
     ) -> None:
+        if isinstance(map_, GaussianScene):
+            raise MapError(
+                "a Localizer needs a Map, not a splat alone: gscpe.build_map makes one of a splat "
+                "and its photos, gscpe.map_without_references(scene) one that needs prior poses"
+            )
+        if not isinstance(settings, LocalizerSettings | None):
+            raise SettingsError(
+                f"a Localizer's settings are LocalizerSettings, not a {type(settings).__name__}"
+            )
+        map_ = map_ if isinstance(map_, Map) else open_map(map_)
         self.map = map_
         self.settings = settings or LocalizerSettings()
         self._matcher: Matcher = (
@@ -82,7 +97,20 @@ class Localizer(Closing):
         self._describer = open_describer(map_.descriptors, self.settings.retrieval_model)
         self._index = ReferenceIndex(map_.descriptors.descriptors, self.settings.index)
         self._renderer = Renderer(map_.scene, backend, progress)
-        self._lock = threading.RLock()
+        self._lock = threading.RLock()  # an observer may render
+        self._closed = False
+
+    @contextmanager
+    def _while_open(self) -> Iterator[None]:
+        """One thread at a time.
+
+        Raises:
+            ClosedError: the localizer is closed.
+        """
+        with self._lock:
+            if self._closed:
+                raise ClosedError("this localizer is closed")
+            yield
 
     def localize(
         self,
@@ -95,25 +123,28 @@ class Localizer(Closing):
         """Estimates the pose of a photo.
 
         Args:
-            image: (H, W, 3) uint8 RGB.
+            image: (H, W, 3) uint8 RGB, as :func:`gscpe.read_image` has it, and not BGR as OpenCV
+                has it; or (H, W, 4), where pixels that are transparent are left out.
             camera: its intrinsics; lens distortion is removed first.
             prior: where the camera probably is; or the result of the frame before, which
                 counts only if it was localized. A sure prior skips retrieval and the coarse
-                stage, an unsure one skips retrieval. Where that fails, all is done as without.
+                stage, an unsure one skips retrieval, and a position alone has the references
+                near it tried first. Where that fails, all is done as without.
             references: names of reference photos to begin with, most similar first, in place of
                 the map's own retrieval.
             observer: is told what is done, as it is done.
 
         Raises:
             PhotoError: shape or dtype of the image is wrong.
-            CameraError: the camera is of another image size.
+            CameraError: the camera is of another image size, or is no Camera.
             PoseError: the prior is something else.
-            MapError: the map has no references, and there is no prior; or ``references`` names one
-                that it does not have.
+            MapError: the map has no references, and there is no prior pose; or ``references``
+                names one that it does not have.
             RenderError: rendering failed.
             ModelError: a trained network failed.
+            ClosedError: the localizer is closed.
         """
-        with self._lock:
+        with self._while_open():
             return self._localize(image, camera, prior, references, observer or Observer())
 
     def _localize(
@@ -131,7 +162,10 @@ class Localizer(Closing):
             prior = self._prior_of(prior)
         if not isinstance(prior, PosePrior | None):
             raise PoseError(f"a prior is a PosePrior or a result, not a {type(prior).__name__}")
-        if prior is None and not len(self.map.references):
+        if isinstance(references, str):
+            raise MapError(f"references are a list of names: give [{references!r}]")
+        knows_rotation = prior is not None and self._knows_rotation(prior)
+        if not knows_rotation and not len(self.map.references):
             raise MapError(
                 "this map has no reference photos to recognize a place by: give a prior pose, or "
                 "build it with references"
@@ -150,7 +184,8 @@ class Localizer(Closing):
             best = max(attempts, key=Attempt.rank)
             if best.doubt is None and self._is_sure(best):
                 break
-        return LocalizationResult.of(attempts, frame, self.settings.fusion, clock.seconds())
+        result = LocalizationResult.of(attempts, camera, frame, self.settings, clock.seconds())
+        return result if result.localized else result.because(trouble_with_light(photo))
 
     def _prior_of(self, result: LocalizationResult) -> PosePrior | None:
         """The result of the frame before says where the camera was, some centimetres ago."""
@@ -176,7 +211,8 @@ class Localizer(Closing):
                 and prior.rotation_sigma_degrees <= settings.near_degrees
             ):
                 yield Start("tracking", prior.cam_from_world)
-            yield Start("prior", prior.cam_from_world)
+            if self._knows_rotation(prior):
+                yield Start("prior", prior.cam_from_world)
         if not len(references):
             return
         poses, same_place = references.cam_from_world, settings.same_place
@@ -189,6 +225,10 @@ class Localizer(Closing):
         for reference in islice(places, settings.hypotheses):
             name = references.names[reference.index]
             yield Start("reference", poses[reference.index], name)
+
+    def _knows_rotation(self, prior: PosePrior) -> bool:
+        """Whether a render from the prior can show what the photo shows."""
+        return prior.rotation_sigma_degrees <= self.settings.prior_degrees
 
     def _attempt(
         self, query: PreparedPhoto, start: Start, prior: PosePrior | None, observer: Observer
@@ -244,20 +284,21 @@ class Localizer(Closing):
         to be the guess's, and lens distortion to be small.
 
         Args:
-            image: (H, W, 3) uint8 RGB.
+            image: (H, W, 3) uint8 RGB, not OpenCV's BGR.
             guess: for example :func:`gscpe.camera_from_exif`; None: an ordinary lens, and the
                 principal point in the middle.
 
         Raises:
             CameraError: the photo does not tell; the message says why.
-            PhotoError, MapError, RenderError, ModelError: as :meth:`localize`.
+            PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
-        with self._lock:
+        with self._while_open():
             return self._estimate_camera(image, guess)
 
     def _estimate_camera(self, image: UInt8Array, guess: Camera | None) -> Camera:
         if not len(self.map.references):
             raise MapError("a map without reference photos cannot tell a camera's focal length")
+        image = check_image(image)
         photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
         larger = min(self._reference_width() / photo.camera.width, self.settings.most_enlarged)
         at_size = resized_photo(photo, larger)
@@ -279,6 +320,7 @@ class Localizer(Closing):
             if isinstance(estimate, Camera):
                 return estimate.resized(photo.camera.width, photo.camera.height)
             reason = estimate
+        reason = trouble_with_light(photo) or reason
         raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
 
     def _reference_width(self) -> float:
@@ -288,7 +330,7 @@ class Localizer(Closing):
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
         are with respect to the world."""
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
-        with self._lock:
+        with self._while_open():
             view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
         return view_in_world(view, self.map.frame)
 
@@ -306,7 +348,7 @@ class Localizer(Closing):
         references = self.map.references.cameras
         if not references:
             return photo
-        theirs = float(np.median([camera.fx for camera in references]))
+        theirs = float(np.median([camera.without_distortion().fx for camera in references]))
         scale = min(theirs / photo.camera.fx, self.settings.most_enlarged)
         if 1.0 / self.settings.same_resolution <= scale <= self.settings.same_resolution:
             return photo
@@ -345,4 +387,5 @@ class Localizer(Closing):
         """Releases the renderer's memory, once a call that is being worked on is finished; the
         localizer cannot be used after."""
         with self._lock:
+            self._closed = True
             self._renderer.close()

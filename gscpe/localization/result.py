@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence
+
+import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
+from gscpe.geometry import se3
+from gscpe.geometry.camera import Camera
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.border import attempt_in_world
-from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
+from gscpe.localization.fusion import fuse_matches_and_alignment
+from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import StartedFrom
+from gscpe.localization.verification import focal_contradiction
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
 
@@ -29,7 +35,9 @@ class LocalizationResult:
         reason: why not; None when localized.
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
-            map's world units and radians; None when not localized.
+            map's world units and radians; None when not localized. Other than the stages' own, it
+            knows how sure the camera's focal length is, and whether the matches contradict it.
+        camera: that was given, or estimated (``focal_sigma`` is not 0 then).
         best: the attempt that the answer is of; None when there was nowhere to start.
         attempts: all that was tried, in this order.
         seconds: wall time by stage: features, retrieval, coarse, refinement, total.
@@ -39,6 +47,7 @@ class LocalizationResult:
     reason: str | None
     cam_from_world: Float64Array | None
     covariance: Float64Array | None
+    camera: Camera
     best: Attempt | None
     attempts: tuple[Attempt, ...]
     seconds: dict[str, float]
@@ -47,24 +56,26 @@ class LocalizationResult:
     def of(
         cls,
         attempts: Sequence[Attempt],
+        camera: Camera,
         frame: MapFrame,
-        settings: FusionSettings,
+        settings: LocalizerSettings,
         seconds: dict[str, float],
     ) -> LocalizationResult:
         """The best of the attempts, as an answer.
 
         Args:
             attempts: with respect to the map.
+            camera: that was given.
             frame: of the map; the answer is with respect to the world.
-            settings: how matches and alignment are weighed.
+            settings: of fusion and verification.
             seconds: see above.
         """
         best = max(attempts, key=Attempt.rank, default=None)
         if best is None:
-            return cls(False, NO_FEATURES, None, None, None, (), seconds)
+            return cls(False, NO_FEATURES, None, None, camera, None, (), seconds)
         pose = covariance = None
         if best.doubt is None:
-            cam_from_map, in_map_units = _final_pose(best, settings)
+            cam_from_map, in_map_units = _final_pose(best, camera, settings)
             pose, covariance = (
                 frame.cam_from_world(cam_from_map),
                 frame.world_covariance(in_map_units),
@@ -74,10 +85,49 @@ class LocalizationResult:
             reason=best.doubt,
             cam_from_world=pose,
             covariance=covariance,
+            camera=camera,
             best=attempt_in_world(best, frame),
             attempts=tuple(attempt_in_world(attempt, frame) for attempt in attempts),
             seconds=seconds,
         )
+
+    def because(self, cause: str | None) -> LocalizationResult:
+        """The same answer, its reason explained by a cause, if there is one."""
+        if cause is None:
+            return self
+        reason = cause if self.best is None else f"{self.reason}; {cause}"
+        return replace(self, reason=reason)
+
+    def _for_people(self) -> dict[str, str]:
+        """What a reader wants to know first: headings and text."""
+        rows = {"status": "localized" if self.localized else "not localized"}
+        if self.reason is not None:
+            rows["reason"] = self.reason
+        if self.cam_from_world is not None:
+            rows["qw qx qy qz tx ty tz"] = _pose_text(self.cam_from_world)
+        if self.covariance is not None:
+            rows["standard deviations"] = _sigmas(self.covariance)
+        if self.best is not None:
+            rows["began at"] = f"{self.started_from} {self.reference or ''}".strip()
+            rows["attempts"] = str(len(self.attempts))
+        if "total" in self.seconds:
+            rows["seconds"] = f"{self.seconds['total']:.2f}"
+        return rows
+
+    def __repr__(self) -> str:
+        rows = self._for_people()
+        lines = (f"  {name}: {text}" for name, text in rows.items() if name != "status")
+        return "\n".join([f"LocalizationResult: {rows['status']}", *lines])
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from html import escape
+
+        rows = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>"
+            for name, text in self._for_people().items()
+        )
+        return f"<table>{rows}</table>"
 
     @property
     def coarse(self) -> CoarseResult | None:
@@ -101,18 +151,42 @@ class LocalizationResult:
         return None if self.best is None else self.best.start.reference
 
 
-def _final_pose(attempt: Attempt, settings: FusionSettings) -> tuple[Float64Array, Float64Array]:
+def _sigmas(covariance: Float64Array) -> str:
+    """Standard deviations of the axes, as text."""
+    deviations = np.sqrt(np.diag(covariance))
+    lengths, degrees = deviations[:3], np.degrees(deviations[3:])
+    return (
+        f"{' '.join(f'{x:.2g}' for x in lengths)} map units, "
+        f"{' '.join(f'{x:.2g}' for x in degrees)} degrees (x y z of the camera)"
+    )
+
+
+def _pose_text(cam_from_world: Float64Array) -> str:
+    quaternion, translation = se3.to_quaternion_translation(cam_from_world)
+    return " ".join(f"{number:.6f}" for number in (*quaternion, *translation))
+
+
+def _final_pose(
+    attempt: Attempt, camera: Camera, settings: LocalizerSettings
+) -> tuple[Float64Array, Float64Array]:
     """Of an attempt that is not doubted: matches and alignment together."""
     coarse, aligned = attempt.coarse, attempt.aligned
     assert aligned is not None
     assert aligned.cam_from_world is not None
     assert aligned.covariance is not None
-    if coarse is None or coarse.cam_from_world is None or coarse.covariance is None:
-        return aligned.cam_from_world, aligned.covariance
-    return fuse_matches_and_alignment(
-        coarse.cam_from_world,
-        coarse.covariance,
-        aligned.cam_from_world,
-        aligned.covariance,
-        settings,
-    )
+    pose, covariance, contradiction = aligned.cam_from_world, aligned.covariance, 0.0
+    if coarse is not None and coarse.cam_from_world is not None and coarse.covariance is not None:
+        pose, covariance = fuse_matches_and_alignment(
+            coarse.cam_from_world,
+            coarse.covariance,
+            pose,
+            covariance,
+            settings.fusion,
+            aligned.unshared,
+        )
+        contradiction = focal_contradiction(coarse, camera)
+    # A wrong focal length moves matches and alignment alike, so it counts after their mean.
+    variance = camera.focal_sigma**2 + contradiction**2
+    if variance > 0 and aligned.by_log_focal is not None:
+        covariance = covariance + variance * np.outer(aligned.by_log_focal, aligned.by_log_focal)
+    return pose, covariance

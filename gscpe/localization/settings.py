@@ -25,6 +25,8 @@ class LocalizerSettings:
         same_place: metres between cameras that show one place, where they look the same way, ...
         same_place_degrees: ... within this angle.
         prior_sigmas: deviations of an unsure prior within which references are tried first.
+        prior_degrees: a prior whose rotation is less sure than this is a position alone: a render
+            from there would show something else than the photo.
         same_resolution: photos whose focal length in pixels is that of the references within this
             factor are not resampled.
         most_enlarged: a photo with fewer pixels is enlarged at most this much: there is nothing
@@ -45,6 +47,7 @@ class LocalizerSettings:
     same_place: float = 0.5
     same_place_degrees: float = 30.0
     prior_sigmas: float = 3.0
+    prior_degrees: float = 60.0
     same_resolution: float = 1.03
     most_enlarged: float = 2.0
     motion_sigma: float = 0.05

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from typing import Iterable, Iterator, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.errors import PoseError
-from gscpe.geometry.pose_error import pose_difference
+from gscpe.geometry.pose_error import camera_centre, pose_difference
 from gscpe.geometry.se3 import check_transform
 from gscpe.retrieval import RetrievedReference
 
 StartedFrom = Literal["reference", "prior", "tracking"]
+
+_NO_ROTATION_DEGREES = 180.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +34,22 @@ class Start:
     cam_from_world: Float64Array
     reference: str | None = None
 
+    def __repr__(self) -> str:
+        return short_repr(self)
+
 
 @dataclass(frozen=True, eq=False)
 class PosePrior:
     """A pose and how far off it may be. It says where to begin, and never outweighs the photo.
 
     Attributes:
-        cam_from_world: (4, 4) rigid transform.
-        translation_sigma: standard deviation of the camera's centre, in the unit of the pose.
-        rotation_sigma_degrees: standard deviation of its rotation.
+        cam_from_world: (4, 4) rigid transform; it is copied, and the copy cannot be changed.
+        translation_sigma: standard deviation of the camera's centre along each axis, map units.
+        rotation_sigma_degrees: standard deviation of its rotation; 180 where nothing is known
+            of it, see :meth:`at`.
 
     Raises:
-        PoseError: the pose is not a rigid transform, or a deviation is not positive.
+        PoseError: the pose is not a rigid transform, or a deviation is not one positive number.
     """
 
     cam_from_world: Float64Array
@@ -50,10 +57,54 @@ class PosePrior:
     rotation_sigma_degrees: float = 2.0
 
     def __post_init__(self) -> None:
-        check_transform(self.cam_from_world, "the prior's cam_from_world")
-        for sigma in (self.translation_sigma, self.rotation_sigma_degrees):
-            if not 0 < sigma < np.inf:
-                raise PoseError(f"a prior's deviations must be positive and finite, not {sigma}")
+        pose = check_transform(self.cam_from_world, "the prior's cam_from_world").copy()
+        pose.setflags(write=False)
+        object.__setattr__(self, "cam_from_world", pose)
+        for name in ("translation_sigma", "rotation_sigma_degrees"):
+            object.__setattr__(self, name, _positive(getattr(self, name), name))
+
+    @classmethod
+    def at(cls, centre: ArrayLike, translation_sigma: float) -> PosePrior:
+        """A position alone, as GPS gives it: references near it are tried first.
+
+        Args:
+            centre: (3,), where the camera is in the world, map units; not the translation of
+                ``cam_from_world``.
+            translation_sigma: its standard deviation along each axis, map units.
+
+        Raises:
+            PoseError: there are not three finite numbers, or the deviation is not positive.
+        """
+        try:
+            position = np.asarray(centre, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise PoseError(f"a camera's centre must be (3,) numbers ({error})") from None
+        if position.shape != (3,):
+            raise PoseError(f"a camera's centre must be (3,) numbers, not {position.shape}")
+        cam_from_world = np.eye(4)
+        cam_from_world[:3, 3] = -position
+        return cls(cam_from_world, translation_sigma, _NO_ROTATION_DEGREES)
+
+    def __repr__(self) -> str:
+        centre = ", ".join(f"{number:.6g}" for number in camera_centre(self.cam_from_world))
+        return (
+            f"PosePrior(centre ({centre}) +- {self.translation_sigma:g}, "
+            f"rotation +- {self.rotation_sigma_degrees:g} degrees)"
+        )
+
+
+def _positive(sigma: float, name: str) -> float:
+    if np.ndim(sigma) != 0:
+        raise PoseError(
+            f"a prior's {name} must be one number for all directions; give the largest of {sigma}"
+        )
+    try:
+        number = float(sigma)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not 0 < number < np.inf:
+        raise PoseError(f"a prior's {name} must be positive and finite, not {sigma!r}")
+    return number
 
 
 def different_places(

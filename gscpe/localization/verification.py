@@ -34,6 +34,9 @@ class VerificationSettings:
         max_sigma: metres of the pose's standard deviation in its worst direction, and ...
         max_sigma_degrees: ... the same for the rotation; more: the photo does not tell. Where
             only the alignment does not, the mean with the matches must be twice as sure.
+        max_focal_error: the matches may ask for focal lengths that differ from the camera's by so
+            much of them, beyond chance; more: its intrinsics are wrong. Less goes into the
+            covariance.
         prior_sigmas: deviations of a prior by which an alignment without matches may leave it.
     """
 
@@ -48,6 +51,7 @@ class VerificationSettings:
     max_shift_degrees: float = 3.0
     max_sigma: float = 0.1
     max_sigma_degrees: float = 3.0
+    max_focal_error: float = 0.03
     prior_sigmas: float = 4.0
 
 
@@ -75,7 +79,27 @@ def doubt_about_coarse(
         return (
             f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} needed)"
         )
-    return None
+    return _doubt_about_focal_length(coarse, camera, settings)
+
+
+def focal_contradiction(coarse: CoarseResult, camera: Camera) -> float:
+    """By how much the matches ask for other focal lengths than the camera's, as a share of them,
+    beyond what chance explains; 0 where they do not."""
+    if coarse.focal is None:
+        return 0.0
+    chance = coarse.focal.relative_sigma**2 + camera.focal_sigma**2
+    return float(np.sqrt(max(np.log(coarse.focal.ratio) ** 2 - chance, 0.0)))
+
+
+def _doubt_about_focal_length(
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
+) -> str | None:
+    if coarse.focal is None or focal_contradiction(coarse, camera) <= settings.max_focal_error:
+        return None
+    return (
+        f"the matches ask for {coarse.focal.ratio:.3g} times the camera's focal length: give its "
+        "true intrinsics, or none, and they are estimated"
+    )
 
 
 @dataclass(frozen=True)
@@ -113,7 +137,12 @@ def compare_stages(
     if coarse.covariance is None:
         return Comparison(0.0, 0.0, sigma, sigma_degrees)
     _, covariance = fuse_matches_and_alignment(
-        coarse.cam_from_world, coarse.covariance, aligned.cam_from_world, aligned.covariance, fusion
+        coarse.cam_from_world,
+        coarse.covariance,
+        aligned.cam_from_world,
+        aligned.covariance,
+        fusion,
+        aligned.unshared,
     )
     sigma, sigma_degrees = _worst_sigmas(covariance, unit)
     return Comparison(0.0, 0.0, 2.0 * sigma, 2.0 * sigma_degrees)

@@ -1,7 +1,7 @@
 """Making maps: from a trained splat and its photos, or from one RGB-D photo; and whether they are
 good: whether splat and poses fit, and whether references come back to their own poses."""
 
-from gscpe.mapping.frame_check import check_frames, measure_misfit
+from gscpe.mapping.frame_check import check_frames, measure_misfit, with_fitting_axes
 from gscpe.mapping.from_rgbd import RgbdMapSettings, map_from_rgbd, scene_from_rgbd
 from gscpe.mapping.from_splat import MapSettings, build_map, map_without_references
 from gscpe.mapping.map_check import CheckedReference, MapCheck, check_map
@@ -25,4 +25,5 @@ __all__ = [
     "measure_misfit",
     "read_transform",
     "scene_from_rgbd",
+    "with_fitting_axes",
 ]

@@ -18,6 +18,7 @@ from gscpe.mapping.settings import FrameCheckSettings
 from gscpe.matching import Matcher
 from gscpe.scene import GaussianScene, References
 from gscpe.scene.moved import move_references
+from gscpe.scene.turned import Y_AND_Z_NEGATED, turned
 
 _log = logging.getLogger(__name__)
 
@@ -107,7 +108,7 @@ def measure_misfit(
     matcher: Matcher | str | None = None,
     progress: bool = False,
 ) -> Misfit:
-    """The same, however large it is: :attr:`Misfit.splat_from_model` mends it (see
+    """The same, however large it is: ``Misfit.splat_from_model`` mends it (see
     gscpe.scene.moved). Arguments as :func:`check_frames`.
 
     Raises:
@@ -122,6 +123,43 @@ def measure_misfit(
             f"photos to a correlation of {found.look.best:.2f} at best)"
         )
     return found.misfit
+
+
+def with_fitting_axes(
+    scene: GaussianScene,
+    references: References,
+    image_folder: str | Path,
+    settings: FrameCheckSettings | None = None,
+    metres_per_unit: float | None = 1.0,
+    backend: str = "auto",
+    progress: bool = False,
+    axes_are_open: bool = False,
+) -> GaussianScene:
+    """The scene as it is, or turned by a half turn about x (y and z negated), whichever looks
+    like the photos; as it is, where neither does (:func:`check_frames` says why).
+
+    Many ``.spz`` and ``.sog`` files have these other axes, and do not say so.
+
+    Args:
+        scene, references, image_folder, settings, metres_per_unit, backend, progress: as
+            :func:`check_frames`.
+        axes_are_open: compare both at once (``gscpe.scene.splat_kind.may_have_other_axes``); else
+            the scene is only turned where it does not fit as it is.
+    """
+    settings = settings or FrameCheckSettings()
+    least = settings.min_correlation
+    photos = PhotoComparison(references, image_folder, settings.photos)
+    as_stored = photos.look(scene, references, metres_per_unit, backend, progress).best
+    if as_stored >= least and not axes_are_open:
+        return scene
+    other = turned(scene, Y_AND_Z_NEGATED)
+    as_turned = photos.look(other, references, metres_per_unit, backend).best
+    found = f"correlation with the photos {as_turned:.2f}, as it is stored {as_stored:.2f}"
+    if as_turned > as_stored and as_turned >= least:
+        _log.warning("the splat is turned to fit the photos, y and z negated (%s)", found)
+        return other
+    _log.info("the splat keeps its axes (y and z negated: %s)", found)
+    return scene
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
-from gscpe.errors import PhotoError, SettingsError
+from gscpe.errors import CameraError, PhotoError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
@@ -28,6 +28,7 @@ from gscpe.render import Renderer, choose_backend
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import GaussianScene, Map, References, to_photo
 from gscpe.scene.gaussians import SH_C0, far_origin
+from gscpe.scene.image_array import check_image
 from gscpe.scene.map_frame import TYPICAL_DEPTH, MapFrame, near_plane
 
 _LAYERS = np.array([[0.0, 2.0], [3.0, 1.0]])
@@ -80,6 +81,7 @@ def map_from_rgbd(
     """A map whose only reference is this photo; arguments as :func:`scene_from_rgbd`."""
     settings = settings or RgbdMapSettings()
     cam_from_world = check_transform(cam_from_world, "cam_from_world")
+    rgb, depth = check_image(rgb), _checked_depth(depth)
     known = depth[np.isfinite(depth) & (depth > 0)]
     typical = float(np.median(known)) if len(known) else TYPICAL_DEPTH
     frame = MapFrame(
@@ -110,18 +112,22 @@ def scene_from_rgbd(
     apart and photos are not localized, from half a metre farther the pose is 1 to 2 cm off.
 
     Args:
-        rgb: (H, W, 3) uint8.
-        depth: (H, W) z-depth in map units; 0, NaN or infinite where unknown.
+        rgb: (H, W, 3) uint8 RGB, not OpenCV's BGR.
+        depth: (H, W) floats, z-depth in map units; 0, NaN or infinite where unknown.
         camera: pinhole camera of both.
         cam_from_world: (4, 4), where they were taken.
         settings: see :class:`RgbdMapSettings`.
 
     Raises:
-        PhotoError: shapes do not fit, or hardly a pixel has a usable depth.
+        PhotoError: shapes or types are wrong, or hardly a pixel has a usable depth.
         CameraError: the camera is of another image size.
         RenderError: OpenGL is missing (the colours are fitted by rendering).
     """
     settings = settings or RgbdMapSettings()
+    rgb = check_image(rgb)
+    depth = _checked_depth(depth)
+    if not isinstance(camera, Camera):
+        raise CameraError(f"the photo's camera must be a gscpe.Camera, not {camera!r}")
     camera.check_fits(rgb.shape, "the photo")
     camera.check_fits(depth.shape, "the depth image")
     if not camera.is_pinhole:
@@ -135,6 +141,18 @@ def scene_from_rgbd(
     surfels = _surfels(rgb, known_depth, chosen, camera, inverse(cam_from_world), settings)
     near = near_plane(float(np.median(known_depth[chosen])))
     return _fit_colours(replace(surfels, near=near), rgb, chosen, camera, cam_from_world, settings)
+
+
+def _checked_depth(depth: Float32Array) -> Float32Array:
+    if not isinstance(depth, np.ndarray) or depth.ndim != 2:
+        found = f"shape {depth.shape}" if isinstance(depth, np.ndarray) else type(depth).__name__
+        raise PhotoError(f"a depth image must be an array of shape (height, width), not {found}")
+    if not np.issubdtype(depth.dtype, np.floating):
+        raise PhotoError(
+            f"a depth image must be of floats in map units, not {depth.dtype}; of millimetres, "
+            "make metres: depth.astype(np.float32) / 1000"
+        )
+    return depth
 
 
 def _away_from_edges(depth: Float64Array, max_step: float) -> BoolArray:

@@ -8,7 +8,7 @@ from typing import Sequence, overload
 
 import numpy as np
 
-from gscpe.errors import SettingsError
+from gscpe.errors import MapError, SettingsError, SplatError
 from gscpe.mapping.reference_photos import reference_photo
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import (
@@ -51,10 +51,17 @@ def build_map(
     Raises:
         PhotoError: a reference photo cannot be read.
         CameraError: a reference photo is of another size than its camera.
-        MapError: there are no references.
+        SplatError: the scene is something else, a path for example.
+        MapError: there are no references, or they are something else.
         ModelError: the network that is to describe them is missing, or cannot be used.
         MissingDependencyError: it needs onnxruntime, and that is not installed.
     """
+    _check_scene(scene)
+    if not isinstance(references, References):
+        raise MapError(
+            f"references must be References, not a {type(references).__name__}; "
+            "gscpe.read_colmap_references reads them from a COLMAP model"
+        )
     settings = settings or MapSettings()
     photos = _ReferencePhotos(references, Path(image_folder))
     return Map.of(
@@ -66,7 +73,12 @@ def build_map(
 
 
 def map_without_references(scene: GaussianScene, metres_per_unit: float | None = 1.0) -> Map:
-    """A map of a splat alone: it recognizes no place, so each query needs a prior pose."""
+    """A map of a splat alone: it recognizes no place, so each query needs a prior pose.
+
+    Raises:
+        SplatError: the scene is something else, a path for example.
+    """
+    _check_scene(scene)
     nothing = np.zeros((0, 0), dtype=np.float32)
     return Map.of(
         scene=scene,
@@ -74,6 +86,14 @@ def map_without_references(scene: GaussianScene, metres_per_unit: float | None =
         descriptors=GlobalDescriptors(vocabulary=nothing, descriptors=nothing),
         metres_per_unit=metres_per_unit,
     )
+
+
+def _check_scene(scene: GaussianScene) -> None:
+    if not isinstance(scene, GaussianScene):
+        raise SplatError(
+            f"a map is made of a GaussianScene, not of a {type(scene).__name__}; "
+            "gscpe.read_splat reads one"
+        )
 
 
 class _ReferencePhotos(Sequence[Photo]):

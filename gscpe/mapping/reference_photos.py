@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import UInt8Array
 from gscpe.geometry.camera import Camera
-from gscpe.scene import Photo, References, read_image, to_photo
+from gscpe.scene import Photo, References, read_image_of, to_photo
 
 
 def spread(count: int, wanted: int) -> list[int]:
@@ -18,16 +18,13 @@ def spread(count: int, wanted: int) -> list[int]:
 
 
 def reference_image(references: References, index: int, image_folder: str | Path) -> UInt8Array:
-    """The photo of a reference as it is stored, (H, W, 3).
+    """The photo of a reference as its camera took it, (H, W, 3).
 
     Raises:
         PhotoError: it cannot be read.
         CameraError: it is of another size than its camera.
     """
-    path = Path(image_folder) / references.names[index]
-    image = read_image(path)
-    references.cameras[index].check_fits(image.shape, f"reference photo {path}")
-    return image
+    return read_image_of(Path(image_folder) / references.names[index], references.cameras[index])
 
 
 def reference_photo(references: References, index: int, image_folder: str | Path) -> Photo:

@@ -26,6 +26,9 @@ class Matches:
     def __len__(self) -> int:
         return len(self.scores)
 
+    def __repr__(self) -> str:
+        return f"Matches({len(self)})"
+
 
 def no_matches() -> Matches:
     """What images without features give."""

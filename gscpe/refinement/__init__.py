@@ -2,14 +2,16 @@
 
 from gscpe.refinement.exposure import ClippingSettings
 from gscpe.refinement.loop import RefinementResult, RefinementSettings, refine_pose
-from gscpe.refinement.lucas_kanade import LucasKanadeSettings
+from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
 from gscpe.refinement.observer import RefinementObserver
-from gscpe.refinement.uncertainty import UncertaintySettings
+from gscpe.refinement.uncertainty import PoseUncertainty, UncertaintySettings
 from gscpe.refinement.visibility import VisibilitySettings
 
 __all__ = [
+    "Alignment",
     "ClippingSettings",
     "LucasKanadeSettings",
+    "PoseUncertainty",
     "RefinementObserver",
     "RefinementResult",
     "RefinementSettings",

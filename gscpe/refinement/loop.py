@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
@@ -27,7 +27,7 @@ from gscpe.refinement.pyramid import (
     photo_pyramid,
 )
 from gscpe.refinement.turned_starts import align_from_turned_starts
-from gscpe.refinement.uncertainty import UncertaintySettings, pose_covariance
+from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import Renders
 from gscpe.scene import Photo, luminance
@@ -102,6 +102,7 @@ class RefinementResult:
         cam_from_world: (4, 4); None when the alignment failed.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
             map units and radians.
+        by_log_focal: (6,) how xi, the same, follows the logarithm of the photo's focal lengths.
         gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
         residual: robust standard deviation of the photometric residual, luminance.
         agreement: mean local correlation of photo and render, in [-1, 1].
@@ -112,6 +113,9 @@ class RefinementResult:
             depth is between half a metre and 2 m; see :meth:`gscpe.RenderedView.tolerance_unit`.
         converged: whether the last level converged.
         reason: why it failed, or None.
+        unshared: (6, 6), the part of the covariance that is there because photo and render do
+            not show the same gradients (see :class:`gscpe.refinement.PoseUncertainty`): matches
+            between the two know no better. None where the alignment failed.
     """
 
     cam_from_world: Float64Array | None
@@ -126,6 +130,11 @@ class RefinementResult:
     tolerance_unit: float
     converged: bool
     reason: str | None = None
+    by_log_focal: Float64Array | None = None
+    unshared: Float64Array | None = None
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def refine_pose(
@@ -197,11 +206,13 @@ def refine_pose(
     agreement, overlap = photometric_agreement(
         pyramid[compared], photo_levels[compared], alignment.photo_from_anchor
     )
+    uncertainty = pose_uncertainty(
+        template, photo_levels[0], alignment, settings.solver, settings.uncertainty
+    )
     return RefinementResult(
         cam_from_world=cam_from_world,
-        covariance=pose_covariance(
-            template, photo_levels[0], alignment, settings.solver, settings.uncertainty
-        ),
+        covariance=uncertainty.covariance,
+        by_log_focal=uncertainty.by_log_focal,
         gain=last_light[0],
         bias=last_light[1],
         residual=alignment.residual,
@@ -211,6 +222,7 @@ def refine_pose(
         anchors=anchors,
         tolerance_unit=tolerance_unit,
         converged=alignment.converged,
+        unshared=uncertainty.unshared,
     )
 
 

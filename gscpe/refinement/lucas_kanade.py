@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
+from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
@@ -65,8 +65,6 @@ class Alignment:
         photo_from_anchor: (4, 4).
         gain, bias: photo = gain * anchor + bias.
         residual: robust standard deviation of the photometric residual, luminance.
-        information: (6, 6), J^T W J / sigma^2 of ``exp(xi) @ photo_from_anchor``, for
-            independent residuals.
         pixels: template pixels that were used in the end.
         motion_pixels: how far the template's pixels have moved from where the anchor was
             rendered, root mean square.
@@ -78,11 +76,13 @@ class Alignment:
     gain: float
     bias: float
     residual: float
-    information: Float64Array
     pixels: int
     motion_pixels: float
     iterations: int
     converged: bool
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +186,12 @@ def align(
         if np.count_nonzero(usable) < settings.min_pixels:
             return None
         sigma = max(robust_sigma(residuals[usable]), settings.min_noise)
+        if converged or iterations == settings.max_iterations:
+            break
         weights = (tukey_weights(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
         np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
         weighted = design[:, :unknowns] * weights[:, None]
         hessian = (weighted.T @ design[:, :unknowns]).astype(np.float64)
-        if converged or iterations == settings.max_iterations:
-            break
         step = _solve(hessian, (weighted.T @ residuals).astype(np.float64))
         if step is None:
             return None
@@ -208,7 +208,6 @@ def align(
         gain=float(gain),
         bias=float(bias),
         residual=float(sigma),
-        information=_pose_information(hessian / sigma**2, photo_from_anchor),
         pixels=int(np.count_nonzero(usable)),
         motion_pixels=_motion(template, photo_from_anchor),
         iterations=iterations,
@@ -259,11 +258,3 @@ def _solve(hessian: Float64Array, right: Float64Array) -> Float64Array | None:
         return np.asarray(np.linalg.solve(scaled, right / scale) / scale)
     except np.linalg.LinAlgError:
         return None
-
-
-def _pose_information(hessian: Float64Array, photo_from_anchor: Float64Array) -> Float64Array:
-    """Marginalizes gain and bias, and moves delta from the anchor's to the photo's side."""
-    coupling = hessian[:6, 6:]
-    marginal = hessian[:6, :6] - coupling @ np.linalg.pinv(hessian[6:, 6:]) @ coupling.T
-    anchor_from_photo = se3.adjoint(se3.inverse(photo_from_anchor))
-    return np.asarray(anchor_from_photo.T @ marginal @ anchor_from_photo)

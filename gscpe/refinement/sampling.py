@@ -2,10 +2,57 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array
+from gscpe.arrays import BoolArray, Float32Array, Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """The four pixels around each of N places, (N,) each; pixel (0, 0) where it is not inside.
+
+    Attributes:
+        upper_left, upper_right, lower_left, lower_right: their values.
+        right, down: how far the place lies from the upper left pixel's centre, in [0, 1);
+            float64.
+        inside: whether all four are in the image, and valid.
+    """
+
+    upper_left: Float32Array
+    upper_right: Float32Array
+    lower_left: Float32Array
+    lower_right: Float32Array
+    right: Float64Array
+    down: Float64Array
+    inside: BoolArray
+
+
+def corners(image: Float32Array, valid: BoolArray, u: Float32Array, v: Float32Array) -> Corners:
+    """What bilinear interpolation of an (H, W) image at pixels (u, v), (N,) each, is made of."""
+    height, width = image.shape
+    column, row = u - np.float32(0.5), v - np.float32(0.5)
+    inside = (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1)
+    column = np.where(inside, column, np.float32(0.0))
+    row = np.where(inside, row, np.float32(0.0))
+    left, top = column.astype(np.int32), row.astype(np.int32)
+    index = top * width + left
+    flat = image.ravel()
+    if not valid.all():
+        allowed = valid.ravel()
+        inside &= allowed[index] & allowed[index + 1]
+        inside &= allowed[index + width] & allowed[index + width + 1]
+    return Corners(
+        flat[index],
+        flat[index + 1],
+        flat[index + width],
+        flat[index + width + 1],
+        np.asarray(column - left, dtype=np.float64),
+        np.asarray(row - top, dtype=np.float64),
+        inside,
+    )
 
 
 def sample_bilinear(
@@ -13,23 +60,11 @@ def sample_bilinear(
 ) -> tuple[Float32Array, BoolArray]:
     """Values of an (H, W) image at pixels (u, v), (N,) each, and whether all four
     contributing pixels are valid. cv2.remap rounds to 1/32 px; this is exact."""
-    height, width = image.shape
-    column, row = u - np.float32(0.5), v - np.float32(0.5)
-    inside = (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1)
-    column = np.where(inside, column, np.float32(0.0))
-    row = np.where(inside, row, np.float32(0.0))
-    left, top = column.astype(np.int32), row.astype(np.int32)
-    a, b = column - left, row - top
-    index = top * width + left
-    flat = image.ravel()
-    upper = flat[index] * (1 - a) + flat[index + 1] * a
-    lower = flat[index + width] * (1 - a) + flat[index + width + 1] * a
-    values = upper * (1 - b) + lower * b
-    if not valid.all():
-        allowed = valid.ravel()
-        inside &= allowed[index] & allowed[index + 1]
-        inside &= allowed[index + width] & allowed[index + width + 1]
-    return np.asarray(values, dtype=np.float32), inside
+    at = corners(image, valid, u, v)
+    a, b = at.right, at.down
+    upper = at.upper_left * (1 - a) + at.upper_right * a
+    lower = at.lower_left * (1 - a) + at.lower_right * a
+    return np.asarray(upper * (1 - b) + lower * b, dtype=np.float32), at.inside
 
 
 def gradient(image: Float32Array) -> tuple[Float32Array, Float32Array]:

@@ -12,8 +12,8 @@ where c corrects H, made of weights, for the curvature of the robust loss. What 
 beyond a block, such as a bent map, is not seen in it: C grows with the square root of rho, by
 which the blocks' sums exceed those of independent pixels. And gradients that noise makes are no
 evidence, though H counts them: along stripes they would promise what nothing can tell. But the
-render's noise is not the photo's, so only what the gradients of both share is counted. Measured
-on four kinds of scenes: docs/benchmarks.md.
+render's noise is not the photo's, so only what the gradients of both share is counted, and only
+where it cannot be chance. Measured on four kinds of scenes: docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -42,6 +42,30 @@ _LEAST_CURVATURE = 0.1
 _LEAST_KEPT = 1e-6
 """Share of the information of a direction, so that what is all noise keeps a finite variance."""
 
+_GRAIN = 4
+"""Pixels, across which the noise of a photo (demosaicked, compressed) or of a render may hang
+together."""
+_SIGNIFICANT = 4.0
+"""Standard deviations by which shared gradients must stand out from chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseUncertainty:
+    """Of xi in ``exp(xi) @ photo_from_anchor``, (translation, rotation).
+
+    Attributes:
+        covariance: (6, 6).
+        unshared: (6, 6), the part of it that is there because photo and render do not show the
+            same gradients: nothing where they do, very much along stripes. Whoever compares the
+            two images, by whatever means, knows no better.
+        by_log_focal: (6,) how the pose follows the logarithm of the photo's focal lengths, which
+            the covariance takes as exact.
+    """
+
+    covariance: Float64Array
+    unshared: Float64Array
+    by_log_focal: Float64Array
+
 
 @dataclass(frozen=True)
 class UncertaintySettings:
@@ -62,14 +86,14 @@ class UncertaintySettings:
     least_pixels: float = 0.004
 
 
-def pose_covariance(
+def pose_uncertainty(
     template: Template,
     photo: ImageLevel,
     alignment: Alignment,
     solver: LucasKanadeSettings,
     settings: UncertaintySettings,
-) -> Float64Array:
-    """(6, 6) of xi in ``exp(xi) @ photo_from_anchor``, (translation, rotation).
+) -> PoseUncertainty:
+    """How sure ``photo_from_anchor`` is.
 
     Args:
         template, photo, solver: that were aligned.
@@ -102,16 +126,55 @@ def pose_covariance(
     curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
     middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
     factor = settings.factor * np.sqrt(rho) / curvature**2
-    root = np.linalg.cholesky(inverse)
+    root = np.asarray(np.linalg.cholesky(inverse), dtype=np.float64)
     seen = design.copy()
     seen[:6] = _photo_jacobian(template, photo, alignment)
-    shared = _product(seen * weights, design)
-    spread = root @ _inverse_root(root.T @ (0.5 * (shared + shared.T)) @ root)
-    covariance = factor * (spread @ (root.T @ middle @ root) @ spread.T)[:6, :6]
-    covariance += settings.least_pixels**2 * covariance_from_information(template.motion)
+    grains = _blocks(template, photo.camera, max(1, photo.camera.width // _GRAIN))
+    kept, axes = _shared_information(design, seen, weights, root, grains)
+    whole = factor * (root.T @ middle @ root)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
-    covariance = to_photo @ covariance @ to_photo.T
-    return np.asarray(0.5 * (covariance + covariance.T))
+
+    def of_pose(scales: Float64Array) -> Float64Array:
+        half = root @ (axes * scales) @ axes.T
+        of_anchor = (half @ whole @ half.T)[:6, :6]
+        return np.asarray(to_photo @ of_anchor @ to_photo.T)
+
+    floor = settings.least_pixels**2 * covariance_from_information(template.motion)
+    covariance = of_pose(1.0 / np.sqrt(kept)) + to_photo @ floor @ to_photo.T
+    unshared = of_pose(np.sqrt(1.0 / kept - 1.0))
+    # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
+    by_focal = -gain * template.jacobian[:, 2] * template.points[2]
+    right = np.asarray((design * weights) @ by_focal, dtype=np.float64)
+    by_log_focal = -to_photo @ (inverse @ right)[:6]
+    return PoseUncertainty(_symmetric(covariance), _symmetric(unshared), by_log_focal)
+
+
+def _shared_information(
+    design: Float32Array,
+    seen: Float32Array,
+    weights: Float32Array,
+    root: Float64Array,
+    grains: IntArray,
+) -> tuple[Float64Array, Float64Array]:
+    """The share of the information that the gradients of both images have in common, (U,), along
+    orthogonal axes of the whitened unknowns, the columns of (U, U).
+
+    Noise that the images do not share adds to a sum of products as much as it takes away, give or
+    take the root of the sum of the squares; a share that may be that is none.
+    """
+    shared = root.T @ _symmetric(_product(seen * weights, design)) @ root
+    axes = np.asarray(np.linalg.eigh(shared)[1])
+    whitened = (root @ axes).T.astype(np.float32)
+    products = weights * (whitened @ design) * (whitened @ seen)
+    sums = np.stack([np.bincount(grains, product) for product in products])
+    chance = _SIGNIFICANT * np.sqrt(np.sum(sums**2, axis=1))
+    share = sums.sum(axis=1)
+    kept = np.sqrt(np.maximum(share**2 - chance**2, 0.0)) * (share > 0)
+    return np.clip(kept, _LEAST_KEPT, 1.0), axes
+
+
+def _symmetric(matrix: Float64Array) -> Float64Array:
+    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _product(a: Float32Array, b: Float32Array) -> Float64Array:
@@ -131,12 +194,6 @@ def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment)
     by_point = rotation.T @ np.stack([by_x, by_y, -(by_x * x + by_y * y) / z])
     (x, y, z), (a, b, c) = template.points, by_point
     return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
-
-
-def _inverse_root(kept: Float64Array) -> Float64Array:
-    """The symmetric square root's inverse of the share of the information that is kept."""
-    values, vectors = np.linalg.eigh(kept)
-    return np.asarray(vectors / np.sqrt(np.clip(values, _LEAST_KEPT, 1.0)) @ vectors.T)
 
 
 def _blocks(template: Template, camera: Camera, count: int) -> IntArray:

@@ -16,6 +16,7 @@ import moderngl
 from gscpe.errors import RenderError
 from gscpe.render.diagnosis import VARIABLES, ContextFailure, OpenGLFacts, summary
 from gscpe.render.osmesa import OSMesaContext
+from gscpe.render.own_thread import in_own_thread
 
 REQUIRED_GL = 330
 COMPUTE_GL = 430
@@ -145,6 +146,10 @@ def opengl_facts() -> OpenGLFacts:
         RenderError: this process was forked from one that has used OpenGL.
     """
     check_process(_first_process())
+    return in_own_thread(_opengl_facts)
+
+
+def _opengl_facts() -> OpenGLFacts:
     context, failures = _first_context()
     facts = OpenGLFacts(
         platform="linux" if sys.platform.startswith("linux") else sys.platform,
@@ -187,6 +192,10 @@ def driver_info() -> DriverInfo:
     Raises:
         RenderError: as :func:`create_context`.
     """
+    return in_own_thread(_driver_info)
+
+
+def _driver_info() -> DriverInfo:
     context = create_context()
     try:
         return describe(context)

@@ -18,6 +18,7 @@ from gscpe.render.cpu_projection import (
     BLUE,
     CUTOFF,
     DEPTH,
+    FAST,
     GREEN,
     OPACITY,
     REACH,
@@ -33,11 +34,11 @@ from gscpe.render.cpu_projection import (
 
 _F = np.float32
 _U64 = np.uint64
-_FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
-_MAX_ALPHA = _F(0.99)
+
+MAX_ALPHA = _F(0.99)
 _OPAQUE = _F(1e-4)
-_PLANE = TILE * TILE
-_BLOCK = 32  # records gathered at a time
+PLANE = TILE * TILE
+BLOCK = 32  # records gathered at a time
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -53,7 +54,24 @@ def fill_entries(first, last, slots, tile_rows, spans, columns, cursors, entries
                 cursors[tile] += 1
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+def ellipse_alpha(dx, dy, a, b, c, opacity, limit):
+    """Opacity of an ellipse at an offset from its centre, before it is held to MAX_ALPHA; 0
+    beyond the limit. a, b, c and limit describe an eighth of the exponent."""
+    # exp(8 x) for x in [-0.75, 0] as exp(x)^8, with a polynomial: error below 2e-6.
+    x = (a * dx + b * dy) * dx + c * dy * dy
+    p = _F(0.00592552) * x + _F(0.03997831)
+    p = p * x + _F(0.16615314)
+    p = p * x + _F(0.49994501)
+    p = p * x + _F(1.0)
+    p = p * x + _F(1.0)
+    p = p * p
+    p = p * p
+    p = p * p
+    return opacity * p if x >= limit else _F(0.0)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _composite_ellipse(
     planes, first, last, u, v, a, b, c, opacity, limit, red, green, blue, z
 ):  # fmt: skip
@@ -64,32 +82,22 @@ def _composite_ellipse(
     """
     zz = z * z
     for k in range(first, last):
-        dx = planes[k + _U64(6 * _PLANE)] - u
-        dy = planes[k + _U64(7 * _PLANE)] - v
-        # exp(8 x) for x in [-0.75, 0] as exp(x)^8, with a polynomial: error below 2e-6.
-        x = (a * dx + b * dy) * dx + c * dy * dy
-        p = _F(0.00592552) * x + _F(0.03997831)
-        p = p * x + _F(0.16615314)
-        p = p * x + _F(0.49994501)
-        p = p * x + _F(1.0)
-        p = p * x + _F(1.0)
-        p = p * p
-        p = p * p
-        p = p * p
-        alpha = min(opacity * p, _MAX_ALPHA)
-        alpha = alpha if x >= limit else _F(0.0)
+        dx = planes[k + _U64(6 * PLANE)] - u
+        dy = planes[k + _U64(7 * PLANE)] - v
+        peak = ellipse_alpha(dx, dy, a, b, c, opacity, limit)
+        alpha = min(peak, MAX_ALPHA)
         transmittance = planes[k]
         weight = alpha * transmittance
         planes[k] = transmittance - weight
-        planes[k + _U64(_PLANE)] += weight * red
-        planes[k + _U64(2 * _PLANE)] += weight * green
-        planes[k + _U64(3 * _PLANE)] += weight * blue
-        planes[k + _U64(4 * _PLANE)] += weight * z
-        planes[k + _U64(5 * _PLANE)] += weight * zz
+        planes[k + _U64(PLANE)] += weight * red
+        planes[k + _U64(2 * PLANE)] += weight * green
+        planes[k + _U64(3 * PLANE)] += weight * blue
+        planes[k + _U64(4 * PLANE)] += weight * z
+        planes[k + _U64(5 * PLANE)] += weight * zz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _live_rows(planes, first, last):
+def live_rows(planes, first, last):
     """The first and the last row, of those given, that let light through; last < first if
     none does."""
     while first <= last and planes[first * TILE : (first + 1) * TILE].max() < _OPAQUE:
@@ -99,26 +107,26 @@ def _live_rows(planes, first, last):
     return first, last
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def composite_tiles(
     begin, end, records, starts, entries, columns, rgb, opacity, depth, depth_variance
 ):
     """Composites the tiles begin to end, front to back, and writes their pixels."""
     height, width = opacity.shape
-    planes = np.empty(8 * _PLANE, _F)
-    gathered = np.empty((_BLOCK, RECORD), _F)
-    for k in range(_PLANE):
-        planes[6 * _PLANE + k] = _F(k % TILE) + _F(0.5)
-        planes[7 * _PLANE + k] = _F(k // TILE) + _F(0.5)
+    planes = np.empty(8 * PLANE, _F)
+    gathered = np.empty((BLOCK, RECORD), _F)
+    for k in range(PLANE):
+        planes[6 * PLANE + k] = _F(k % TILE) + _F(0.5)
+        planes[7 * PLANE + k] = _F(k // TILE) + _F(0.5)
     for tile in range(begin, end):
         left, top = tile % columns * TILE, tile // columns * TILE
-        planes[:_PLANE] = _F(1.0)
-        planes[_PLANE : 6 * _PLANE] = _F(0.0)
+        planes[:PLANE] = _F(1.0)
+        planes[PLANE : 6 * PLANE] = _F(0.0)
         rows = min(TILE, height - top)
         first_live, last_live = 0, rows - 1
-        for block in range(starts[tile], starts[tile + 1], _BLOCK):
+        for block in range(starts[tile], starts[tile + 1], BLOCK):
             # Gathered first: so the processor waits for many records at once.
-            count = min(_BLOCK, starts[tile + 1] - block)
+            count = min(BLOCK, starts[tile + 1] - block)
             for n in range(count):
                 slot = entries[block + n]
                 for k in range(RECORD):
@@ -134,7 +142,7 @@ def composite_tiles(
                     record[OPACITY], _F(-0.0625) * record[CUTOFF],
                     record[RED], record[GREEN], record[BLUE], record[DEPTH],
                 )  # fmt: skip
-            first_live, last_live = _live_rows(planes, first_live, last_live)
+            first_live, last_live = live_rows(planes, first_live, last_live)
             if first_live > last_live:
                 break
         for row in range(rows):
@@ -143,10 +151,10 @@ def composite_tiles(
                 y, x = top + row, left + column
                 alpha = _F(1.0) - planes[k]
                 opacity[y, x] = alpha
-                rgb[y, x, 0] = planes[_PLANE + k]
-                rgb[y, x, 1] = planes[2 * _PLANE + k]
-                rgb[y, x, 2] = planes[3 * _PLANE + k]
-                mean = planes[4 * _PLANE + k] / alpha if alpha > 0 else _F(0.0)
-                square = planes[5 * _PLANE + k] / alpha if alpha > 0 else _F(0.0)
+                rgb[y, x, 0] = planes[PLANE + k]
+                rgb[y, x, 1] = planes[2 * PLANE + k]
+                rgb[y, x, 2] = planes[3 * PLANE + k]
+                mean = planes[4 * PLANE + k] / alpha if alpha > 0 else _F(0.0)
+                square = planes[5 * PLANE + k] / alpha if alpha > 0 else _F(0.0)
                 depth[y, x] = mean
                 depth_variance[y, x] = max(square - mean * mean, _F(0.0))

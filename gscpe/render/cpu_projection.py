@@ -21,13 +21,13 @@ U, V, A, B, C, OPACITY, RED, GREEN, BLUE, DEPTH, CUTOFF, REACH = range(RECORD)
 
 _F = np.float32
 _U64 = np.uint64
-_FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
-_MIN_ALPHA = _F(1.0 / 255.0)
-_LOW_PASS = _F(0.3)
+FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
+MIN_ALPHA = _F(1.0 / 255.0)
+LOW_PASS = _F(0.3)
 _SHIFT = 4  # TILE = 1 << _SHIFT
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _store_colour(records, i, sh, g, dx, dy, dz):
     """Evaluates spherical harmonics in the unit direction from the camera to the Gaussian."""
     coefficients = sh.shape[1]
@@ -66,20 +66,20 @@ def _view_depth(mean, row):
     return ((mean[0] * row[0] + mean[1] * row[1]) + mean[2] * row[2]) + row[3]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _first_pixel(edge, size):
     """The first pixel whose centre lies beyond an edge, ``size`` if none. Rounding must not
     lose one, so the edge gets a hundredth of a pixel of margin."""
     return np.int32(min(max(edge + _F(0.49), _F(0.0)), size))
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _last_pixel(edge, size):
     """The last pixel whose centre lies before an edge, -1 if none."""
     return np.int32(min(max(edge + _F(0.51), _F(0.0)), size)) - np.int32(1)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutoff):
     """The tiles that an ellipse touches: a first and a last column for each of its rows of
     tiles, none if last < first."""
@@ -108,7 +108,39 @@ def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutof
             spans[used + k, 1] = last_pixel >> _SHIFT
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+def image_slope(view, fx, fy, sx, sy, inverse_z):
+    """J, 2x3 by rows: how the pixel moves with the point in the world."""
+    a0, c0 = fx * inverse_z, -fx * sx * inverse_z
+    b1, c1 = fy * inverse_z, -fy * sy * inverse_z
+    return (
+        a0 * view[0, 0] + c0 * view[2, 0],
+        a0 * view[0, 1] + c0 * view[2, 1],
+        a0 * view[0, 2] + c0 * view[2, 2],
+        b1 * view[1, 0] + c1 * view[2, 0],
+        b1 * view[1, 1] + c1 * view[2, 1],
+        b1 * view[1, 2] + c1 * view[2, 2],
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+def rotation_of(qw, qx, qy, qz):
+    """The rotation of a unit quaternion, 3x3 by rows."""
+    one, two = _F(1.0), _F(2.0)
+    return (
+        one - two * (qy * qy + qz * qz),
+        two * (qx * qy - qw * qz),
+        two * (qx * qz + qw * qy),
+        two * (qx * qy + qw * qz),
+        one - two * (qx * qx + qz * qz),
+        two * (qy * qz - qw * qx),
+        two * (qx * qz - qw * qy),
+        two * (qy * qz + qw * qx),
+        one - two * (qx * qx + qy * qy),
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def project(  # noqa: PLR0915 - one formula after the other; a call each would cost time
     begin, end, task, positions, means, quaternions, scales, opacities, sh, order,
     view, centre, intrinsics, limits, stretch, size, near, antialiased,
@@ -151,24 +183,9 @@ def project(  # noqa: PLR0915 - one formula after the other; a call each would c
         # comes from the 2x2 minors of M, which keeps thin Gaussians exact.
         sx = min(max(slope_x, limits[0]), limits[2])
         sy = min(max(slope_y, limits[1]), limits[3])
-        a0, c0 = fx * inverse_z, -fx * sx * inverse_z
-        b1, c1 = fy * inverse_z, -fy * sy * inverse_z
-        j00 = a0 * view[0, 0] + c0 * view[2, 0]
-        j01 = a0 * view[0, 1] + c0 * view[2, 1]
-        j02 = a0 * view[0, 2] + c0 * view[2, 2]
-        j10 = b1 * view[1, 0] + c1 * view[2, 0]
-        j11 = b1 * view[1, 1] + c1 * view[2, 1]
-        j12 = b1 * view[1, 2] + c1 * view[2, 2]
+        j00, j01, j02, j10, j11, j12 = image_slope(view, fx, fy, sx, sy, inverse_z)
         qw, qx, qy, qz = quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
-        r00 = one - two * (qy * qy + qz * qz)
-        r01 = two * (qx * qy - qw * qz)
-        r02 = two * (qx * qz + qw * qy)
-        r10 = two * (qx * qy + qw * qz)
-        r11 = one - two * (qx * qx + qz * qz)
-        r12 = two * (qy * qz - qw * qx)
-        r20 = two * (qx * qz - qw * qy)
-        r21 = two * (qy * qz + qw * qx)
-        r22 = one - two * (qx * qx + qy * qy)
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_of(qw, qx, qy, qz)
         m00 = (j00 * r00 + j01 * r10 + j02 * r20) * s0
         m01 = (j00 * r01 + j01 * r11 + j02 * r21) * s1
         m02 = (j00 * r02 + j01 * r12 + j02 * r22) * s2
@@ -180,15 +197,15 @@ def project(  # noqa: PLR0915 - one formula after the other; a call each would c
         c = m10 * m10 + m11 * m11 + m12 * m12
         minor0, minor1, minor2 = m01 * m12 - m02 * m11, m02 * m10 - m00 * m12, m00 * m11 - m01 * m10
         sharp = minor0 * minor0 + minor1 * minor1 + minor2 * minor2
-        determinant = sharp + _LOW_PASS * (a + c) + _LOW_PASS * _LOW_PASS
+        determinant = sharp + LOW_PASS * (a + c) + LOW_PASS * LOW_PASS
         if antialiased:
             opacity = opacity * math.sqrt(sharp / determinant)
-            if opacity < _MIN_ALPHA:
+            if opacity < MIN_ALPHA:
                 continue
             cutoff = _F(2.0) * math.log(_F(255.0) * opacity)
             sigmas = math.sqrt(cutoff)
-        a += _LOW_PASS
-        c += _LOW_PASS
+        a += LOW_PASS
+        c += LOW_PASS
         reach_u, reach_v = sigmas * math.sqrt(a), sigmas * math.sqrt(c)
         left, right = _first_pixel(u - reach_u, width), _last_pixel(u + reach_u, width)
         top, bottom = _first_pixel(v - reach_v, height), _last_pixel(v + reach_v, height)

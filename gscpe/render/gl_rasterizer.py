@@ -35,6 +35,7 @@ _SIZES_KEPT = 4
 
 class GlRasterizer:
     """Implements :class:`gscpe.render.rasterizer.Rasterizer` with an OpenGL context of its own.
+    Made, used and closed by one thread (:class:`gscpe.render.gl_thread.GlThread`).
 
     Args:
         scene: the splat.

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
-
-import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.closing import Closing
-from gscpe.errors import RenderError
+from gscpe.errors import CameraError, ClosedError, RenderError, SplatError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
 from gscpe.render.cpu_rasterizer import CpuRasterizer
-from gscpe.render.gl_rasterizer import GlRasterizer
+from gscpe.render.gl_thread import GlThread
 from gscpe.render.rasterizer import Rasterizer, choose_backend
 from gscpe.render.view import RenderedView
 from gscpe.scene.gaussians import GaussianScene
@@ -21,8 +20,8 @@ from gscpe.scene.gaussians import GaussianScene
 class Renderer(Closing):
     """Holds one splat, on the graphics driver or in memory, and renders it from any pose.
 
-    Use it from one thread at a time, and close it (or use it as a context manager) to give
-    the memory back.
+    Close it, or use it as a context manager, to give the memory back. Threads may share it: one
+    picture is rendered at a time, by all cores or the GPU, and the other threads wait.
 
     Args:
         scene: the splat.
@@ -33,15 +32,22 @@ class Renderer(Closing):
         RenderError: OpenGL is missing, too old, or failed.
         MissingDependencyError: ``backend="cpu"`` without Numba.
         SettingsError: there is no such backend.
+        SplatError: the scene is something else.
     """
 
     def __init__(self, scene: GaussianScene, backend: str = "auto", progress: bool = False) -> None:
+        if not isinstance(scene, GaussianScene):
+            raise SplatError(
+                f"a Renderer needs a GaussianScene, not a {type(scene).__name__}; gscpe.read_splat "
+                "reads one, and the .scene of a map is one"
+            )
         chosen = choose_backend(backend)
         self._rasterizer: Rasterizer | None = (
-            GlRasterizer(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
+            GlThread(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
         )
         self.description = self._rasterizer.description
         self._origin = scene.origin
+        self._lock = threading.Lock()
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         """The splat as this camera sees it.
@@ -51,28 +57,33 @@ class Renderer(Closing):
             cam_from_world: (4, 4) rigid transform.
 
         Raises:
-            RenderError: the camera has distortion, the renderer is closed, or OpenGL failed.
+            RenderError: the camera has distortion, or OpenGL failed.
+            ClosedError: the renderer is closed.
             PoseError: the pose is not a rigid transform.
+            CameraError: the camera is no Camera.
         """
-        if self._rasterizer is None:
-            raise RenderError("this renderer is closed")
+        if not isinstance(camera, Camera):
+            raise CameraError(f"rendering needs a gscpe.Camera, not a {type(camera).__name__}")
         if not camera.is_pinhole:
             raise RenderError("rendering needs a pinhole camera; undistort the photo first")
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
+        cam_from_scene = cam_from_world.copy()
+        cam_from_scene[:3, 3] += cam_from_world[:3, :3] @ self._origin
         try:
-            if not np.any(self._origin):
-                return self._rasterizer.render(camera, cam_from_world)
-            cam_from_scene = cam_from_world.copy()
-            cam_from_scene[:3, 3] += cam_from_world[:3, :3] @ self._origin
-            view = self._rasterizer.render(camera, cam_from_scene)
-            return replace(view, cam_from_world=cam_from_world.copy())
+            with self._lock:
+                if self._rasterizer is None:
+                    raise ClosedError("this renderer is closed")
+                view = self._rasterizer.render(camera, cam_from_scene)
         except MemoryError as error:
             raise RenderError(
                 f"there is not enough memory to render {camera.width}x{camera.height} pixels"
             ) from error
+        return replace(view, cam_from_world=cam_from_world.copy())
 
     def close(self) -> None:
-        """Gives the memory back; the renderer cannot be used after."""
-        if self._rasterizer is not None:
-            self._rasterizer.close()
-            self._rasterizer = None
+        """Gives the memory back, once a picture that is being rendered is finished; the renderer
+        cannot be used after."""
+        with self._lock:
+            if self._rasterizer is not None:
+                self._rasterizer.close()
+                self._rasterizer = None

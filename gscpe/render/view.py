@@ -35,6 +35,14 @@ class RenderedView:
     camera: Camera
     cam_from_world: Float64Array
 
+    def __repr__(self) -> str:
+        seen = self.depth[self.depth > 0]
+        depth = f"{np.median(seen):.4g}" if len(seen) else "none"
+        return (
+            f"RenderedView({self.camera.width}x{self.camera.height}, "
+            f"opacity {self.opacity.mean():.2f} (mean), depth {depth} (median))"
+        )
+
     def tolerance_unit(self, metres_per_unit: float = 1.0) -> float:
         """Metres per unit for tolerances, which are made for rooms: of the unit where the median
         depth is between half a metre and 2 m; smaller where it is more, larger where it is less."""

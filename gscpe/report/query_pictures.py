@@ -19,7 +19,7 @@ from gscpe.refinement.visibility import surface_mask, visibility_mask
 from gscpe.render import RenderedView
 from gscpe.render.pictures import depth_picture, difference_picture
 from gscpe.report.settings import ReportSettings
-from gscpe.scene import luminance, read_image, to_photo, to_uint8
+from gscpe.scene import luminance, read_image_of, to_photo, to_uint8
 from gscpe.scene.poses.hloc import parse_pose
 
 GREEN, RED = (40, 200, 90), (235, 60, 50)
@@ -63,7 +63,7 @@ def draw_query(
     try:
         camera = Camera.parse(str(detail["camera"]))
         photo = localizer.at_the_maps_resolution(
-            to_photo(read_image(image_folder / detail["name"]), camera)
+            to_photo(read_image_of(image_folder / detail["name"], camera), camera)
         )
     except InputError as error:
         return QueryPictures({}, problem=str(error))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import threading
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,13 +57,14 @@ class IndexSettings:
 
 
 class ReferenceIndex:
-    """Searches descriptors, (N, D) float32; from one thread at a time."""
+    """Searches descriptors, (N, D) float32; from any thread."""
 
     def __init__(self, descriptors: Float32Array, settings: IndexSettings | None = None) -> None:
         self._descriptors = descriptors
-        self._index = None
+        self._index: Any = None
         self._settings = settings or IndexSettings()
         self._queries = 0
+        self._lock = threading.Lock()
         self._wanted = len(descriptors) > self._settings.exact_up_to
         if self._wanted and importlib.util.find_spec("faiss") is None:
             _log.warning(
@@ -75,18 +77,20 @@ class ReferenceIndex:
 
     def search(self, query: Float32Array, count: int) -> tuple[RetrievedReference, ...]:
         """The ``count`` most similar references to ``query``, (D,), best first."""
-        if self._index is None:
+        index = self._index
+        if index is None:
             found = search(query, self._descriptors, count)
-            self._queries += 1
-            self._build_when_due()
+            with self._lock:
+                self._queries += 1
+                self._build_when_due()
             return found
         wanted = min(_SPARE * count, len(self._descriptors))
-        _, rows = self._index.search(np.ascontiguousarray(query[None]), wanted)
+        _, rows = index.search(np.ascontiguousarray(query[None]), wanted)
         candidates = np.sort(rows[0][rows[0] >= 0])  # -1 stands where lists were too short
         return _best(self._descriptors[candidates] @ query, candidates, count)
 
     def _build_when_due(self) -> None:
-        if self._wanted and self._queries >= self._settings.exact_queries:
+        if self._index is None and self._wanted and self._queries >= self._settings.exact_queries:
             _log.info("building an index of %d references", len(self._descriptors))
             self._index = _build(self._descriptors, self._settings)
 

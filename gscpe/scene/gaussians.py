@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
 from gscpe.errors import SplatError
 
-_LARGEST = 1e15  # squares of it, in pixels, still fit float32 where scenes are rendered
+LARGEST = 1e15
+"""Of any value: squares of it, in pixels, still fit float32 where scenes are rendered."""
 
 NEAR = 0.2
 """The near plane of 3DGS: Gaussians with a centre nearer than this are not drawn."""
@@ -92,19 +94,55 @@ class GaussianScene:
                 "remove them or train the splat again"
             )
         largest = float(np.abs(array).max(initial=0.0))
-        if largest > _LARGEST:
+        if largest > LARGEST:
             raise SplatError(
                 f"{name} reach {largest:.3g}, which no scene needs (damaged?); values up to "
-                f"{_LARGEST:.0e} can be rendered"
+                f"{LARGEST:.0e} can be rendered"
             )
 
     def __len__(self) -> int:
         return len(self.means)
 
+    def taken(self, rows: IntArray | BoolArray) -> GaussianScene:
+        """These Gaussians, by index or by mask; SplatError where none are left."""
+        return replace(
+            self,
+            means=self.means[rows],
+            quaternions=self.quaternions[rows],
+            scales=self.scales[rows],
+            opacities=self.opacities[rows],
+            sh=self.sh[rows],
+        )
+
+    def __repr__(self) -> str:
+        antialiased = ", antialiased" if self.antialiased else ""
+        low, high = (np.array2string(f(self.means, axis=0), precision=3) for f in (np.min, np.max))
+        return (
+            f"GaussianScene({len(self)} Gaussians, harmonics of degree {self.sh_degree}"
+            f"{antialiased}, from {low} to {high})"
+        )
+
     @property
     def sh_degree(self) -> int:
         """0, 1, 2 or 3."""
         return int(np.sqrt(self.sh.shape[1])) - 1
+
+
+def joined(scenes: Sequence[GaussianScene]) -> GaussianScene:
+    """All of their Gaussians, relative to the origin of the first; harmonics that some do not
+    have are zero."""
+    first = scenes[0]
+    most = max(scene.sh.shape[1] for scene in scenes)
+    sh = [np.pad(s.sh, ((0, 0), (0, most - s.sh.shape[1]), (0, 0))) for s in scenes]
+    means = [(s.means + (s.origin - first.origin)).astype(np.float32) for s in scenes]
+    return replace(
+        first,
+        means=np.concatenate(means),
+        quaternions=np.concatenate([scene.quaternions for scene in scenes]),
+        scales=np.concatenate([scene.scales for scene in scenes]),
+        opacities=np.concatenate([scene.opacities for scene in scenes]),
+        sh=np.concatenate(sh),
+    )
 
 
 def far_origin(point: Float64Array, extent: float) -> Float64Array:

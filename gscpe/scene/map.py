@@ -71,3 +71,11 @@ class Map:
         """The references in the frame of whoever built the map."""
         poses = self.frame.cam_from_world(self.references.cam_from_world)
         return replace(self.references, cam_from_world=poses)
+
+    def __repr__(self) -> str:
+        unit = self.metres_per_unit
+        length = "of unknown length" if unit is None else f"= {unit:g} m"
+        return (
+            f"Map({len(self.scene)} Gaussians, {len(self.references)} reference photos "
+            f"described by {self.descriptors.method}, 1 unit {length})"
+        )

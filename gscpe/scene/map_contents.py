@@ -6,6 +6,7 @@ with what that format cannot hold in ``gaussians.json``; see docs/formats.md.
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 from dataclasses import asdict, replace
@@ -17,12 +18,12 @@ from numpy.typing import NDArray
 
 from gscpe.errors import MapError, OutputError
 from gscpe.geometry.camera import Camera
+from gscpe.scene.compression import compress, decompressed
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
 from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
-from gscpe.scene.splat_file import read_splat
-from gscpe.scene.spz import best_exponent, encode_spz
+from gscpe.scene.splat_file import splat_from_bytes
 
 GAUSSIANS = frozenset({"gaussians.npz", "gaussians.spz"})
 """One of them is in every map."""
@@ -71,8 +72,7 @@ def from_contents(contents: Mapping[str, bytes], folder: Path) -> Map:
 
 
 def _plain_gaussians(map_: Map) -> dict[str, bytes]:
-    arrays = {name: getattr(map_.scene, name) for name in _SCENE_ARRAYS}
-    arrays["antialiased"] = np.array(map_.scene.antialiased)
+    arrays = _scene_arrays(map_.scene)
     arrays["near"] = np.array(map_.scene.near)
     arrays["frame"] = np.array(json.dumps(_frame_to_data(map_.frame)))
     return {_GAUSSIANS: _npz(arrays)}
@@ -80,15 +80,7 @@ def _plain_gaussians(map_: Map) -> dict[str, bytes]:
 
 def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
     gaussians = _load_npz(contents[_GAUSSIANS])
-    scene = GaussianScene(
-        means=gaussians["means"],
-        quaternions=gaussians["quaternions"],
-        scales=gaussians["scales"],
-        opacities=gaussians["opacities"],
-        sh=gaussians["sh"],
-        antialiased=bool(gaussians["antialiased"]),
-        near=float(gaussians["near"]),
-    )
+    scene = replace(_scene_from_arrays(gaussians), near=float(gaussians["near"]))
     return scene, _frame_from_data(json.loads(str(gaussians["frame"])))
 
 
@@ -110,17 +102,20 @@ def _frame_from_data(data: Mapping[str, Any]) -> MapFrame:
 
 
 def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
-    exponent = best_exponent(map_.scene)
     try:
-        spz = encode_spz(map_.scene, exponent)
+        compressed = compress(map_.scene)
     except OutputError as error:
-        raise OutputError(f"the map cannot be compressed ({error}); save it plain") from None
-    rest = {
-        "factor": 2.0**exponent,
+        raise OutputError(
+            f"the map cannot be compressed ({error}); save it plain, without --compress"
+        ) from None
+    rest: dict[str, Any] = {
+        "factor": 2.0**compressed.exponent,
         "near": map_.scene.near,
         "frame": _frame_to_data(map_.frame),
     }
-    return {_SPZ: spz, _SPZ_FACTOR: json.dumps(rest).encode()}
+    if compressed.apart is not None:
+        rest["apart"] = base64.b64encode(_npz(_scene_arrays(compressed.apart))).decode()
+    return {_SPZ: compressed.spz, _SPZ_FACTOR: json.dumps(rest).encode()}
 
 
 def _load_compressed(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
@@ -128,15 +123,28 @@ def _load_compressed(contents: Mapping[str, bytes], folder: Path) -> tuple[Gauss
     factor = float(rest["factor"])
     if not 0 < factor < np.inf:
         raise MapError(f"the factor of the coordinates is {factor}")
-    scene = read_splat(folder / _SPZ)
-    with np.errstate(over="ignore", divide="ignore"):  # GaussianScene reports what is infinite
-        scene = replace(
-            scene,
-            means=np.asarray(scene.means / factor, dtype=np.float32),
-            scales=np.asarray(scene.scales / factor, dtype=np.float32),
-            near=float(rest["near"]),
-        )
+    many = splat_from_bytes(contents[_SPZ], folder / _SPZ)
+    apart = None
+    if "apart" in rest:
+        apart = _scene_from_arrays(_load_npz(base64.b64decode(rest["apart"], validate=True)))
+    scene = replace(decompressed(many, factor, apart), near=float(rest["near"]))
     return scene, _frame_from_data(rest["frame"])
+
+
+def _scene_arrays(scene: GaussianScene) -> dict[str, NDArray[Any]]:
+    arrays = {name: np.asarray(getattr(scene, name)) for name in _SCENE_ARRAYS}
+    return {**arrays, "antialiased": np.array(scene.antialiased)}
+
+
+def _scene_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> GaussianScene:
+    return GaussianScene(
+        means=arrays["means"],
+        quaternions=arrays["quaternions"],
+        scales=arrays["scales"],
+        opacities=arrays["opacities"],
+        sh=arrays["sh"],
+        antialiased=bool(arrays["antialiased"]),
+    )
 
 
 def _npz(arrays: Mapping[str, NDArray[Any]]) -> bytes:

@@ -40,7 +40,10 @@ def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
         OutputError: the folder cannot be written, something else is there, or the scene does
             not fit into the compressed format.
         MissingDependencyError: compressing needs gaussforge, and it is not installed.
+        MapError: what is given is no Map.
     """
+    if not isinstance(map_, Map):
+        raise MapError(f"save_map saves a Map, not {_kind(map_)}; build_map makes one of a splat")
     folder = Path(folder).absolute()
     check_map_output(folder, compress=compress)
     contents = to_contents(map_, compress)
@@ -87,10 +90,18 @@ def open_map(folder: str | Path) -> Map:
     """Opens a map folder.
 
     Raises:
-        MapError: it is missing, damaged, or of a newer version than this gscpe.
+        MapError: it is missing, damaged, or of a newer version than this gscpe; or what is given
+            is not the path of a folder.
         MissingDependencyError: it is compressed, and gaussforge is not installed.
     """
+    if not isinstance(folder, str | Path):
+        raise MapError(f"a map is opened by the path of its folder, not by {_kind(folder)}")
     folder = Path(folder)
+    if folder.is_file():
+        raise MapError(
+            f"{folder} is not a gscpe map: it is a file, and a map is a folder; gscpe build-map "
+            "(in Python: read_splat, build_map, save_map) makes one of a splat"
+        )
     manifest = _read_manifest(folder)
     files = manifest["files"]
     contents = {name: _read_checked(folder, name, files) for name in files}
@@ -100,6 +111,10 @@ def open_map(folder: str | Path) -> Map:
         raise
     except Exception as error:  # parsers raise KeyError, BadZipFile, EOFError, AttributeError, ...
         raise MapError(f"map {folder} is damaged ({error}); build it again") from error
+
+
+def _kind(thing: object) -> str:
+    return "None" if thing is None else f"a {type(thing).__name__}"
 
 
 def _temporary_beside(folder: Path) -> Path:

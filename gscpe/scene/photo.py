@@ -1,16 +1,18 @@
-"""Photos: decoding, checking, and removing lens distortion."""
+"""Photos: checking, masking, and removing lens distortion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, UInt8Array
-from gscpe.errors import OutputError, PhotoError
+from gscpe.arrays import BoolArray, Float32Array, UInt8Array, short_repr
+from gscpe.errors import CameraError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.lens import image_of_directions
+from gscpe.geometry.projection import pixel_centres, unproject
+from gscpe.scene.image_array import check_image
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,40 +22,16 @@ class Photo:
     Attributes:
         rgb: (H, W, 3) uint8.
         camera: pinhole camera of this very size.
-        valid: (H, W) bool, false where undistortion had nothing to show; None if all is valid.
+        valid: (H, W) bool, false where the photo is transparent, or undistortion had nothing to
+            show; None if all is valid.
     """
 
     rgb: UInt8Array
     camera: Camera
     valid: BoolArray | None = None
 
-
-def read_image(path: str | Path) -> UInt8Array:
-    """The pixels of an image file as (H, W, 3) uint8 RGB, as stored (EXIF rotation is ignored,
-    as in COLMAP, so that they fit the intrinsics).
-
-    Raises:
-        PhotoError: the file is missing or is not an image.
-    """
-    path = Path(path)
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise PhotoError(f"photo {path} cannot be read: {error.strerror}") from error
-    bgr = None
-    if data.size:
-        try:
-            bgr = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        except cv2.error:  # some damaged headers raise instead of returning None
-            bgr = None
-    if bgr is None:
-        raise PhotoError(f"{path} is not an image that can be decoded; expected JPEG, PNG, ...")
-    return np.ascontiguousarray(bgr[:, :, ::-1])
-
-
-def to_uint8(image: Float32Array) -> UInt8Array:
-    """An image in [0, 1], of any shape, as bytes; values beyond are clipped."""
-    return np.asarray(np.rint(np.clip(image, 0.0, 1.0) * 255.0), dtype=np.uint8)
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
@@ -83,67 +61,58 @@ def shrink(image: Float32Array, width: int, height: int) -> Float32Array:
     return np.asarray(small, dtype=np.float32)
 
 
-def write_image(path: str | Path, rgb: UInt8Array | Float32Array) -> None:
-    """Writes (H, W, 3) or (H, W) as uint8, or as float in [0, 1]; the ending names the format.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    path = Path(path)
-    pixels = to_uint8(rgb.astype(np.float32)) if rgb.dtype != np.uint8 else rgb.astype(np.uint8)
-    if pixels.ndim == 3:
-        pixels = np.ascontiguousarray(pixels[:, :, ::-1])
-    try:
-        encoded, data = cv2.imencode(path.suffix, pixels)
-    except cv2.error:  # raised for an ending that no encoder knows
-        encoded = False
-    if not encoded:
-        raise OutputError(f"{path}: cannot encode an image of this kind; use .png or .jpg")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
-
-
 def to_photo(image: UInt8Array, camera: Camera) -> Photo:
     """Checks an image against its camera and removes lens distortion, once.
 
-    The undistorted photo keeps the size, the focal lengths and the principal point.
+    The undistorted photo keeps the size, the focal lengths and the principal point; of a fisheye,
+    what :meth:`gscpe.Camera.without_distortion` says.
 
     Args:
-        image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey.
+        image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey, or (H, W, 4) with an opacity: pixels that
+            are more than half transparent count as not seen. OpenCV reads BGR: turn it round,
+            ``image[:, :, ::-1]``.
         camera: the camera that took it.
 
     Raises:
         PhotoError: shape or dtype is wrong.
-        CameraError: the camera is of another image size.
+        CameraError: the camera is of another image size, or is no Camera.
     """
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
-        raise PhotoError(
-            "an image must be (height, width, 3) uint8 RGB, "
-            f"not {image.dtype} of shape {image.shape}"
-        )
+    image = check_image(image, transparent=True)
+    if not isinstance(camera, Camera):
+        raise CameraError(f"the photo's camera must be a gscpe.Camera, not {camera!r}")
     camera.check_fits(image.shape, "the photo")
-    if image.ndim == 2:
-        image = np.repeat(image[:, :, None], 3, axis=2)
+    seen = image[:, :, 3] >= 128 if image.shape[2] == 4 else None
+    rgb = np.ascontiguousarray(image[:, :, :3])
     if camera.is_pinhole:
-        return Photo(np.ascontiguousarray(image), camera)
-    matrix = camera.opencv_matrix()
-    size = (camera.width, camera.height)
-    map_u, map_v = cv2.initUndistortRectifyMap(
-        matrix, np.asarray(camera.distortion), np.eye(3), matrix, size, cv2.CV_32FC1
-    )
+        return Photo(rgb, camera, _unless_all(seen))
+    pinhole = camera.without_distortion()
+    map_u, map_v, valid = _source_pixels(camera, pinhole)
     # OpenCV's cubic kernel shifts by up to 0.05 px with the phase; this one by up to 0.03.
-    undistorted = cv2.remap(
-        image, map_u, map_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE
-    )
-    inside_u = (map_u >= 0) & (map_u <= camera.width - 1)
-    inside_v = (map_v >= 0) & (map_v <= camera.height - 1)
-    valid = inside_u & inside_v
-    return Photo(
-        np.asarray(undistorted, dtype=np.uint8),
-        camera.without_distortion(),
-        None if bool(np.all(valid)) else valid,
-    )
+    undistorted = cv2.remap(rgb, map_u, map_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    valid &= (map_u >= 0) & (map_u <= camera.width - 1)
+    valid &= (map_v >= 0) & (map_v <= camera.height - 1)
+    if seen is not None:
+        share = cv2.remap(seen.astype(np.float32), map_u, map_v, cv2.INTER_LINEAR)
+        valid &= share > 0.99
+    return Photo(np.asarray(undistorted, dtype=np.uint8), pinhole, _unless_all(valid))
+
+
+def _source_pixels(camera: Camera, pinhole: Camera) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Where each pixel of the pinhole's photo is in the camera's, OpenCV's pixels, and whether
+    the lens images it at all; (H, W) each."""
+    size = (pinhole.height, pinhole.width)
+    if not camera.fisheye:
+        map_u, map_v = cv2.initUndistortRectifyMap(
+            *(camera.opencv_matrix(), np.asarray(camera.distortion), np.eye(3)),
+            *(pinhole.opencv_matrix(), size[::-1], cv2.CV_32FC1),
+        )
+        return np.asarray(map_u), np.asarray(map_v), np.ones(size, dtype=bool)
+    pixels = pixel_centres(pinhole).reshape(-1, 2)
+    directions = unproject(pinhole, pixels, np.ones(len(pixels)))
+    images, imaged = image_of_directions(camera, directions)
+    map_u, map_v = (images.T - 0.5).astype(np.float32).reshape(2, *size)
+    return map_u, map_v, imaged.reshape(size)
+
+
+def _unless_all(valid: BoolArray | None) -> BoolArray | None:
+    return None if valid is None or bool(np.all(valid)) else np.asarray(valid)

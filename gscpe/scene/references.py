@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import Float32Array, Float64Array, short_repr
 from gscpe.errors import MapError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
@@ -34,6 +34,11 @@ class References:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def __repr__(self) -> str:
+        if len(self) < 3:
+            return f"References({', '.join(self.names)})"
+        return f"References({len(self)} photos: {self.names[0]}, ..., {self.names[-1]})"
 
 
 @dataclass(frozen=True)
@@ -72,3 +77,6 @@ class GlobalDescriptors:
             raise MapError("vocabulary and descriptors must be matrices")
         if not (np.all(np.isfinite(self.vocabulary)) and np.all(np.isfinite(self.descriptors))):
             raise MapError("vocabulary and descriptors must be finite")
+
+    def __repr__(self) -> str:
+        return short_repr(self)

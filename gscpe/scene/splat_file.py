@@ -3,43 +3,75 @@
 from __future__ import annotations
 
 import io
+import logging
+import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gscpe.arrays import Float32Array, Float64Array
 from gscpe.errors import SplatError
-from gscpe.scene.gaussians import GaussianScene, far_origin, normalized_quaternions
+from gscpe.scene.gaussians import GaussianScene, far_origin, joined
 from gscpe.scene.ply_bytes import ANTIALIASED_COMMENT
-from gscpe.scene.splat_formats import COMPRESSED_PLY, FORMATS, to_ply
+from gscpe.scene.sog_folder import bundled, finest_chunks
+from gscpe.scene.splat_formats import to_ply
+from gscpe.scene.splat_kind import (
+    PLY,
+    SOG_FOLDER,
+    STREAMED_SOG,
+    for_gaussforge,
+    ply_header,
+    splat_kind,
+)
+from gscpe.scene.splat_rows import gaussians_from_rows
 
-_REST_COUNT_TO_COEFFICIENTS = {0: 1, 9: 4, 24: 9, 45: 16}
+_log = logging.getLogger(__name__)
+
+_MAX_DEGREE = 3
 # How exporters say, in a header comment, that opacity compensation must be applied.
 _ANTIALIASED_COMMENTS = {f"comment {ANTIALIASED_COMMENT.lower()}", "comment antialiased 1"}
+_INDEX_FILES = ("lod-meta.json", "meta.json")  # of splats that are folders
 
 
 def read_splat(path: str | Path) -> GaussianScene:
-    """The Gaussians of a splat file.
+    """The Gaussians of a splat file; the first bytes tell what it is, whatever its ending.
 
-    A ``.ply`` holds log scales, logit opacities and ``f_rest`` colour by colour, degrees 0 to
-    3, binary or text. PlayCanvas's compressed ``.ply``, ``.splat``, ``.ksplat``, ``.spz`` and
-    ``.sog`` are read through gaussforge, their coordinates as they are stored.
+    A ``.ply`` holds log scales, logit opacities and ``f_rest`` colour by colour, binary or text;
+    harmonics beyond degree 3 are left out. PlayCanvas's compressed ``.ply``, ``.splat``,
+    ``.ksplat``, ``.spz`` and ``.sog`` are read through gaussforge, their coordinates as they are
+    stored, and so are folders with SOG's ``meta.json`` or ``lod-meta.json`` (give either). Rows
+    that cannot be used are left out, with a warning; see
+    :func:`gscpe.scene.splat_rows.gaussians_from_rows`.
 
     Raises:
-        SplatError: the file is missing, truncated, not a splat, empty, or holds NaN or
-            infinite values. The message names the file.
+        SplatError: the file is missing, truncated, not a splat, empty, or most of its rows hold
+            NaN or infinite values. The message names the file.
         MissingDependencyError: the format needs gaussforge, and it is not installed.
     """
-    path = Path(path)
-    data = _read_bytes(path)
-    kind = _foreign_kind(path, data)
-    if kind is None:
+    path = _index_file(Path(path))
+    return splat_from_bytes(_read_bytes(path), path)
+
+
+def splat_from_bytes(data: bytes, path: Path) -> GaussianScene:
+    """As :func:`read_splat`, of a file that has been read; ``path`` is for messages, and for
+    files beside it."""
+    kind = splat_kind(path, data)
+    if kind == STREAMED_SOG:
+        chunks = finest_chunks(path, data)
+        scenes = [(read_splat(chunk.meta), chunk.rows) for chunk in chunks]
+        return joined([_rows_of(scene, rows, path) for scene, rows in scenes])
+    if kind == PLY:
         antialiased = _is_antialiased(data)
+    elif kind == SOG_FOLDER:
+        data, antialiased = to_ply(bundled(path, data), "sog", path)
     else:
-        data, antialiased = to_ply(path, kind)
-    vertices = _parse_ply(data, path)
+        data, antialiased = to_ply(for_gaussforge(data), kind, path)
+    return _scene(_parse_ply(data, path), antialiased, path)
+
+
+def _scene(vertices: NDArray[np.void], antialiased: bool, path: Path) -> GaussianScene:
     names = vertices.dtype.names or ()
 
     def columns(*wanted: str, dtype: type[Any] = np.float32) -> NDArray[Any]:
@@ -49,36 +81,51 @@ def read_splat(path: str | Path) -> GaussianScene:
                 f"{path} is a PLY but not a Gaussian splat: it has no {', '.join(missing)}; "
                 "export the trained splat, not a point cloud or a mesh"
             )
-        return np.stack([np.asarray(vertices[name], dtype=dtype) for name in wanted], axis=1)
+        with np.errstate(over="ignore"):  # rows with infinite values are left out
+            return np.stack([np.asarray(vertices[name], dtype=dtype) for name in wanted], axis=1)
 
     means, origin = _near_an_origin(columns("x", "y", "z", dtype=np.float64))
-    log_scales = columns("scale_0", "scale_1", "scale_2")
+    flat = "scale_2" not in names and "scale_1" in names  # surfels of 2D Gaussian Splatting
+    log_scales = columns("scale_0", "scale_1", *(() if flat else ("scale_2",)))
     quaternions = columns("rot_0", "rot_1", "rot_2", "rot_3")
-    opacity_logits = columns("opacity")[:, 0]
+    logits = columns("opacity")[:, 0]
     base = columns("f_dc_0", "f_dc_1", "f_dc_2")
     rest_count = sum(name.startswith("f_rest_") for name in names)
-    if rest_count not in _REST_COUNT_TO_COEFFICIENTS:
+    stored = rest_count // 3 + 1  # coefficients a colour
+    degree = math.isqrt(stored) - 1
+    if rest_count % 3 or (degree + 1) ** 2 != stored:
         raise SplatError(f"{path} has {rest_count} f_rest properties; expected 0, 9, 24 or 45")
-    coefficients = _REST_COUNT_TO_COEFFICIENTS[rest_count]
-    sh = np.empty((len(means), coefficients, 3), dtype=np.float32)
+    if degree > _MAX_DEGREE:
+        _log.warning("%s: harmonics of degree %d are cut to degree 3", path, degree)
+    kept = (min(degree, _MAX_DEGREE) + 1) ** 2
+    sh = np.empty((len(means), kept, 3), dtype=np.float32)
     sh[:, 0] = base
-    if rest_count:
-        rest = columns(*(f"f_rest_{i}" for i in range(rest_count)))
-        sh[:, 1:] = rest.reshape(len(means), 3, coefficients - 1).transpose(0, 2, 1)
+    for colour in range(3 if kept > 1 else 0):
+        first = colour * (stored - 1)
+        sh[:, 1:, colour] = columns(*(f"f_rest_{first + i}" for i in range(kept - 1)))
+    return gaussians_from_rows(
+        str(path), means, log_scales, quaternions, logits, sh, antialiased, origin
+    )
 
-    try:
-        with np.errstate(over="ignore"):  # an infinite scale is reported by GaussianScene
-            return GaussianScene(
-                means=means,
-                quaternions=normalized_quaternions(quaternions),
-                scales=np.exp(log_scales),
-                opacities=np.asarray(1.0 / (1.0 + np.exp(-opacity_logits)), dtype=np.float32),
-                sh=sh,
-                antialiased=antialiased,
-                origin=origin,
-            )
-    except SplatError as error:
-        raise SplatError(f"{path}: {error}") from None
+
+def _index_file(path: Path) -> Path:
+    """The file to begin with, where a splat is a folder."""
+    if path.is_dir():
+        for name in _INDEX_FILES:
+            if (path / name).is_file():
+                return path / name
+    return path
+
+
+def _rows_of(
+    scene: GaussianScene, rows: Sequence[tuple[int, int]] | None, path: Path
+) -> GaussianScene:
+    """These ranges of a scene's rows; None: all of them."""
+    if rows is None or rows == ((0, len(scene)),):
+        return scene
+    if max(end for _, end in rows) > len(scene) or min(begin for begin, _ in rows) < 0:
+        raise SplatError(f"{path} names Gaussians that a chunk does not have; export it again")
+    return scene.taken(np.concatenate([np.arange(*each) for each in rows]))
 
 
 def _near_an_origin(means: Float64Array) -> tuple[Float32Array, Float64Array]:
@@ -90,7 +137,7 @@ def _near_an_origin(means: Float64Array) -> tuple[Float32Array, Float64Array]:
         middle = np.median(finite, axis=0)
         spread = float(np.median(np.linalg.norm(finite - middle, axis=1)))
         origin = far_origin(middle, spread)
-    with np.errstate(over="ignore"):  # GaussianScene reports what is infinite
+    with np.errstate(over="ignore"):  # rows with infinite values are left out
         return (means - origin).astype(np.float32), origin
 
 
@@ -103,13 +150,6 @@ def _read_bytes(path: Path) -> bytes:
         raise SplatError(f"{path} cannot be read: {error.strerror}") from error
     except MemoryError as error:
         raise SplatError(f"{path} does not fit into memory") from error
-
-
-def _foreign_kind(path: Path, data: bytes) -> str | None:
-    """gaussforge's name of the format, or None for a standard .ply."""
-    if path.suffix.lower() in FORMATS:
-        return FORMATS[path.suffix.lower()]
-    return COMPRESSED_PLY if b"element chunk" in _header(data) else None
 
 
 def _parse_ply(data: bytes, path: Path) -> NDArray[np.void]:
@@ -142,10 +182,6 @@ def _rows(columns: dict[str, NDArray[Any]], count: int) -> NDArray[np.void]:
     return rows
 
 
-def _header(data: bytes) -> bytes:
-    return data[:8192].split(b"end_header")[0]
-
-
 def _is_antialiased(data: bytes) -> bool:
-    lines = _header(data).decode("ascii", "replace").lower().splitlines()
+    lines = ply_header(data).decode("ascii", "replace").lower().splitlines()
     return any(line.strip() in _ANTIALIASED_COMMENTS for line in lines)

@@ -10,11 +10,6 @@ from pathlib import Path
 
 from gscpe.errors import MissingDependencyError, OutputError, SplatError
 
-FORMATS = {".splat": "splat", ".ksplat": "ksplat", ".spz": "spz", ".sog": "sog"}
-"""File endings, and what gaussforge calls the formats."""
-
-COMPRESSED_PLY = "compressed.ply"
-
 _PROGRAM = Path(__file__).with_name("convert_splat.py")
 _SECONDS = 600
 
@@ -27,9 +22,14 @@ def require_gaussforge(what: str) -> None:
         )
 
 
-def to_ply(path: Path, kind: str) -> tuple[bytes, bool]:
-    """A splat file as the bytes of a standard ``.ply``, and whether it is tagged as
+def to_ply(data: bytes, kind: str, path: Path) -> tuple[bytes, bool]:
+    """A splat file's bytes as those of a standard ``.ply``, and whether it is tagged as
     antialiased. Coordinates stay as they are stored.
+
+    Args:
+        data: of the file.
+        kind: what gaussforge calls the format.
+        path: of the file, for messages.
 
     Raises:
         SplatError: the file is not a splat of this kind.
@@ -37,7 +37,7 @@ def to_ply(path: Path, kind: str) -> tuple[bytes, bool]:
     """
     require_gaussforge(str(path))
     try:
-        return _convert(kind, "ply", path)
+        return _convert(kind, "ply", data)
     except (subprocess.SubprocessError, OSError) as error:
         raise SplatError(
             f"{path} is not a readable {kind} file (damaged or truncated?); copy or export it again"
@@ -53,18 +53,16 @@ def from_ply(ply: bytes, kind: str) -> bytes:
     """
     require_gaussforge(f"cannot write .{kind}")
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            source = Path(folder) / "source.ply"
-            source.write_bytes(ply)
-            return _convert("ply", kind, source)[0]
+        return _convert("ply", kind, ply)[0]
     except (subprocess.SubprocessError, OSError) as error:
         raise OutputError(f"gaussforge could not make {kind} of the splat: {error}") from error
 
 
-def _convert(source_kind: str, target_kind: str, source: Path) -> tuple[bytes, bool]:
+def _convert(source_kind: str, target_kind: str, data: bytes) -> tuple[bytes, bool]:
     """The converted file, and whether the source is tagged as antialiased."""
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "converted"
+        source, target = Path(folder) / "source", Path(folder) / "converted"
+        source.write_bytes(data)
         command = [sys.executable, str(_PROGRAM), source_kind, target_kind, str(source)]
         done = subprocess.run(
             [*command, str(target)], capture_output=True, text=True, timeout=_SECONDS, check=True

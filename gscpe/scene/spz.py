@@ -48,7 +48,7 @@ def encode_spz(scene: GaussianScene, exponent: int = 0) -> bytes:
     if bits < 0:
         raise OutputError(
             f"coordinates up to {np.abs(scene.means).max() * 2.0**exponent:.3g} do not fit into "
-            f".spz, which holds up to {_MAX_COORDINATE}; write a .ply, or scale the scene down"
+            f".spz, which holds up to {_MAX_COORDINATE}"
         )
     bits = min(bits, _MAX_FRACTIONAL_BITS)
     lowest, highest = _LOG_SCALES
@@ -56,13 +56,13 @@ def encode_spz(scene: GaussianScene, exponent: int = 0) -> bytes:
     if largest.max() > highest + 1 / 32:
         raise OutputError(
             f"scales up to {np.exp(largest.max()):.3g} do not fit into .spz, which holds up to "
-            f"{math.exp(highest):.0f}; write a .ply, or scale the scene down"
+            f"{math.exp(highest):.0f}"
         )
     specks = int(np.count_nonzero(largest < lowest - 1 / 32))
     if specks > _MAX_SPECK_SHARE * len(scene):
         raise OutputError(
             f"{specks} of {len(scene)} Gaussians are smaller than {math.exp(lowest):.2g}, the "
-            "least that .spz holds; write a .ply, or scale the scene up"
+            "least that .spz holds"
         )
     shift = exponent + bits - _WRITTEN_FRACTIONAL_BITS
     written = from_ply(ply_bytes(scene, means_exponent=shift, scales_exponent=exponent), "spz")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
 from pathlib import Path
 from typing import Callable
 
 from gscpe.errors import OutputError
+from gscpe.scene.compression import outliers
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.ply_bytes import ply_bytes
 from gscpe.scene.spz import encode_spz
 
-_ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".spz": encode_spz}
+_log = logging.getLogger(__name__)
 
 
 def write_splat(scene: GaussianScene, path: str | Path) -> None:
@@ -21,8 +23,9 @@ def write_splat(scene: GaussianScene, path: str | Path) -> None:
     ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding;
     the coordinates in double precision where the scene has an origin far away.
     ``.spz``: about a tenth of the size, through gaussforge; what rounding costs stands at
-    :func:`gscpe.scene.spz.encode_spz`. Coordinates and axes stay as they are, and the
-    antialiased tag is written in both.
+    :func:`gscpe.scene.spz.encode_spz`. A few Gaussians so far away or so huge that the others
+    would be rounded coarsely with them are left out, with a warning. Coordinates and axes stay
+    as they are, and the antialiased tag is written in both.
 
     Raises:
         OutputError: the ending is another one, the file cannot be written, or the scene
@@ -36,12 +39,26 @@ def write_splat(scene: GaussianScene, path: str | Path) -> None:
     try:
         data = encode(scene)
     except OutputError as error:
-        raise OutputError(f"{path}: {error}") from None
+        raise OutputError(f"{path}: {error}; write a .ply, or scale the scene") from None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _replace(path, data)
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def _encode_spz(scene: GaussianScene) -> bytes:
+    apart = outliers(scene, colours=False)
+    if not apart.kinds:
+        return encode_spz(scene)
+    _log.warning(
+        "%d of %d Gaussians are left out of the .spz, which would round the others coarsely with "
+        "them: %s", apart.rows.sum(), len(scene), apart.kinds,
+    )  # fmt: skip
+    return encode_spz(scene.taken(~apart.rows))
+
+
+_ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".spz": _encode_spz}
 
 
 def _replace(path: Path, data: bytes) -> None:

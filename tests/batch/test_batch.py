@@ -12,7 +12,7 @@ import pytest
 from helpers import random_pose
 from numpy.typing import NDArray
 
-from gscpe import LocalizationResult, Localizer
+from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.batch import check_outputs, localize_list, read_details, write_poses
 from gscpe.coarse import CoarseResult
 from gscpe.errors import OutputError
@@ -40,7 +40,9 @@ class Stub:
         self.seen: list[int] = []
         self.interrupt_at = interrupt_at
 
-    def localize(self, image: NDArray[np.uint8], camera: Camera) -> LocalizationResult:
+    def localize(
+        self, image: NDArray[np.uint8], camera: Camera, prior: PosePrior | None = None
+    ) -> LocalizationResult:
         photo = to_photo(image, camera)
         number = int(photo.rgb[0, 0, 0])
         if self.interrupt_at is not None and len(self.seen) == self.interrupt_at:
@@ -48,7 +50,7 @@ class Stub:
         self.seen.append(number)
         seconds = {"retrieval": 0.1, "coarse": 0.2, "total": 0.31234567}
         if number == 0:
-            return LocalizationResult(False, "too dark", None, None, None, (), seconds)
+            return LocalizationResult(False, "too dark", None, None, camera, None, (), seconds)
         coarse_pose = se3.exp([0.01, 0, 0, 0, 0, 0]) @ pose_of(number)
         coarse = CoarseResult(
             coarse_pose, 50, 40, np.zeros((40, 2)), 0.5, 1e-6 * np.eye(6), 2, True
@@ -59,7 +61,7 @@ class Stub:
         )
         attempt = Attempt(Start("reference", coarse_pose, "ref.png"), coarse, aligned, None)
         return LocalizationResult(
-            True, None, pose_of(number), np.eye(6), attempt, (attempt,), seconds
+            True, None, pose_of(number), np.eye(6), camera, attempt, (attempt,), seconds
         )
 
 
@@ -132,7 +134,9 @@ def test_each_line_is_on_disk_before_the_next_photo(folder: Path) -> None:
     lengths: list[int] = []
 
     class Watching(Stub):
-        def localize(self, image: NDArray[np.uint8], camera: Camera) -> LocalizationResult:
+        def localize(
+            self, image: NDArray[np.uint8], camera: Camera, prior: PosePrior | None = None
+        ) -> LocalizationResult:
             lengths.append(len(lines_of(folder)))
             return super().localize(image, camera)
 

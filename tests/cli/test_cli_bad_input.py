@@ -68,7 +68,7 @@ def spoil(path: Path, change: Callable[[bytes], bytes]) -> None:
 
 def nan_splat(path: Path) -> None:
     table = splat_table(random_scene(np.random.default_rng(0), 50, 1))
-    table[7, 0] = np.nan
+    table[:30, 0] = np.nan
     write_table(path, splat_columns(1), table)
 
 
@@ -95,7 +95,7 @@ SPOILT_FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
         lambda p: write_table(p / "splat.ply", ["x", "y", "z"], np.zeros((5, 3), np.float32)),
         "not a Gaussian splat",
     ),
-    "splat has NaN": ("build_map", lambda p: nan_splat(p / "splat.ply"), "NaN or infinite means"),
+    "splat has NaN": ("build_map", lambda p: nan_splat(p / "splat.ply"), "30 hold NaN or infinite"),
     "splat is empty": (
         "build_map",
         lambda p: write_table(p / "splat.ply", splat_columns(1), np.zeros((0, 27), np.float32)),
@@ -126,12 +126,10 @@ SPOILT_FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
         lambda p: (p / "photos" / "a.png").rename(p / "photos" / "b.png"),
         "the first is a.png",
     ),
-    "model of a fisheye camera": (
+    "model of a camera that is not known": (
         "build_map",
-        lambda p: (p / "sparse" / "cameras.txt").write_text(
-            "1 OPENCV_FISHEYE 60 45 50 50 30 22 0 0 0 0\n"
-        ),
-        "'OPENCV_FISHEYE' is not supported",
+        lambda p: (p / "sparse" / "cameras.txt").write_text("1 FOV 60 45 50 50 30 22 1\n"),
+        "'FOV' is not supported",
     ),
     "reference photo of another size": (
         "build_map",
@@ -230,7 +228,7 @@ def test_spoilt_files(case: str, place: Place, capsys: pytest.CaptureFixture[str
     [
         ("PINHOLE,640,480,525,525,320,240", "is 60x45, but its camera is 640x480"),
         ("PINHOLE,60,45,50,50,30", "PINHOLE takes 4 parameters"),
-        ("FISHEYE,60,45,50,50,30,22", "camera model 'FISHEYE' is not supported"),
+        ("FOV,60,45,50,50,30,22,1", "camera model 'FOV' is not supported"),
         ("525,60,45", "is not supported"),
         ("", "is not of the form"),
         ("PINHOLE,60,45,fifty,50,30,22", "is not of the form"),

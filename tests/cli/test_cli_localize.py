@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Sequence
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.cli.main import main
 from gscpe.geometry import Camera, pose_difference, se3
+from gscpe.localization import Observer
 from gscpe.scene import save_map, write_image
+from gscpe.scene.orientation import inverse_orientation, swaps_sides, turned_image
 from gscpe.scene.poses.hloc import format_pose, parse_pose, read_poses
 
 CAMERA = room_camera(240, 180)
@@ -129,7 +132,29 @@ def test_an_unknown_camera_of_nowhere(folder: Path, capsys: pytest.CaptureFixtur
     assert line.startswith(
         f"{photo}: not localized: the camera's focal length cannot be estimated: "
     )
-    assert line.endswith("no features to recognize a place by")
+    assert line.endswith("the photo is almost black (brightest value 9 of 255)")
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_a_photo_that_is_stored_turned(
+    orientation: int, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As phones store it. Without a camera, or with that of the photo as it is shown, the pose is
+    that of the photo as it is shown."""
+    photo = photo_with_lens(tmp_path / "a.jpg", 33)
+    with Image.open(photo) as image:
+        pixels, exif = np.asarray(image), image.getexif()
+    exif[0x0112] = orientation
+    stored = turned_image(pixels, inverse_orientation(orientation))
+    Image.fromarray(stored).save(tmp_path / "b.jpg", quality=95, exif=exif)
+    arguments = ["localize", str(folder / "room.gsmap"), str(tmp_path / "b.jpg")]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert "PINHOLE,240,180," in err
+    assert pose_difference(parse_pose(out.strip()), POSES["a.png"]).distance < 0.05
+    if swaps_sides(orientation):
+        assert main([*arguments, "--camera", "PINHOLE,240,180,230,230,120,90"]) == 0
+        check(parse_pose(capsys.readouterr().out.strip()), "a.png")
 
 
 def test_a_prior_saves_retrieval(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -202,11 +227,13 @@ class Interrupting(Localizer):
         image: NDArray[np.uint8],
         camera: Camera,
         prior: PosePrior | LocalizationResult | None = None,
+        references: Sequence[str] | None = None,
+        observer: Observer | None = None,
     ) -> LocalizationResult:
         if Interrupting.photos == 2:
             raise KeyboardInterrupt
         Interrupting.photos += 1
-        return super().localize(image, camera, prior)
+        return super().localize(image, camera, prior, references, observer)
 
 
 def test_going_on_after_an_interruption(

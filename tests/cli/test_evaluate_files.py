@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,9 +42,9 @@ def estimates(truth: Poses, rng: np.random.Generator) -> Poses:
     return estimates
 
 
-def evaluated(capsys: pytest.CaptureFixture[str], *arguments: Path | str) -> dict[str, object]:
+def evaluated(capsys: pytest.CaptureFixture[str], *arguments: Path | str) -> dict[str, Any]:
     assert main(["evaluate", *map(str, arguments), "--json"]) == 0
-    data: dict[str, object] = json.loads(capsys.readouterr().out)
+    data: dict[str, Any] = json.loads(capsys.readouterr().out)
     return data
 
 
@@ -76,8 +77,8 @@ def protocol_errors(estimates: Path, truth: Path) -> NDArray[np.float64]:
             errors.append([np.inf, np.inf])
             continue
         rotation, _ = cv2.Rodrigues(found[name][:3, :3] @ true[:3, :3].T)
-        distance = np.linalg.norm(found[name][:3, 3] - true[:3, 3])
-        errors.append([100.0 * distance, np.degrees(np.linalg.norm(rotation))])
+        distance = float(np.linalg.norm(found[name][:3, 3] - true[:3, 3]))
+        errors.append([100.0 * distance, float(np.degrees(np.linalg.norm(rotation)))])
     return np.array(errors)
 
 

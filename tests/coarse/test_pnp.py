@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -205,6 +206,20 @@ def test_least_squares_from_nearby(rng: np.random.Generator) -> None:
     assert error.degrees < 1e-5
 
 
+def test_what_is_beyond_twice_the_threshold_does_not_pull(rng: np.random.Generator) -> None:
+    """A third of the matches lies 12 pixels to the right of where it should, on something that
+    was moved: the others are exact, and so is the pose."""
+    matches = some_matches(rng)
+    pixels = matches.pixels.copy()
+    pixels[:66, 0] += 12.0
+    found = estimate_absolute_pose(matches.points, pixels, CAMERA, matches.pose, SETTINGS)
+    assert found is not None
+    error = pose_difference(found.cam_from_world, matches.pose)
+    assert error.distance < 1e-6
+    assert error.degrees < 1e-5
+    assert not found.inliers[:66].any()
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -215,6 +230,6 @@ def test_least_squares_from_nearby(rng: np.random.Generator) -> None:
         {"confidence": 0.0},
     ],
 )
-def test_impossible_settings(change: dict[str, float]) -> None:
+def test_impossible_settings(change: dict[str, Any]) -> None:
     with pytest.raises(SettingsError):
         replace(SETTINGS, **change)

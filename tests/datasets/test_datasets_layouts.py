@@ -24,9 +24,10 @@ from gscpe.datasets import (
     read_transforms,
 )
 from gscpe.datasets.dataset import OFFICIAL
-from gscpe.errors import DatasetError, MissingDependencyError, SettingsError
+from gscpe.errors import ColmapModelError, DatasetError, MissingDependencyError, SettingsError
 from gscpe.geometry import Camera
 from gscpe.scene.poses.hloc import format_pose
+from gscpe.scene.query_list import Query
 
 
 def kitchen(root: Path) -> Dataset:
@@ -203,7 +204,6 @@ def test_cambridge_split_and_subset(tmp_path: Path, caplog: pytest.LogCaptureFix
 )
 def test_cambridge_intrinsics_of_a_colmap_model(folder: str, tmp_path: Path) -> None:
     """Of scaled photos, as hloc's: the camera is scaled up to the photo."""
-    pytest.importorskip("pycolmap")
     poses = folders.write_cambridge(tmp_path)
     (tmp_path / "KingsCollege/reconstruction.nvm").unlink()
     half = Camera.parse("SIMPLE_RADIAL 32 24 27.5 16 12 -0.05")
@@ -214,7 +214,6 @@ def test_cambridge_intrinsics_of_a_colmap_model(folder: str, tmp_path: Path) -> 
 
 
 def test_cambridge_train_and_test_models(tmp_path: Path) -> None:
-    pytest.importorskip("pycolmap")
     poses = folders.write_cambridge(tmp_path)
     (tmp_path / "KingsCollege/reconstruction.nvm").unlink()
     camera = Camera.parse("PINHOLE 64 48 55 55 32 24")
@@ -291,7 +290,6 @@ def test_fast_livo2_calibrations_in_other_dresses(tmp_path: Path) -> None:
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    pytest.importorskip("pycolmap")
     poses = {f"{i:02d}.png": pose for i, pose in enumerate(folders.some_poses(17))}
     for name in poses:
         folders.write_photo(tmp_path / "images" / name)
@@ -326,9 +324,10 @@ def test_colmap_with_a_query_list(model: Path) -> None:
         "night/a.png PINHOLE 64 48 50 50 32 24\nlost.png PINHOLE 64 48 50 50 32 24\n"
     )
     (model / "truth.txt").write_text(f"night/a.png {format_pose(true)}\n")
-    lists = {"queries": model / "queries.txt", "truth": model / "truth.txt"}
-    folder = model / "queries"
-    dataset = read_colmap(model / "sparse", model / "images", **lists, query_folder=folder)
+    queries, truths, folder = model / "queries.txt", model / "truth.txt", model / "queries"
+    dataset = read_colmap(
+        model / "sparse", model / "images", queries=queries, truth=truths, query_folder=folder
+    )
     assert dataset.image_folder == model / "images"
     assert dataset.query_folder == folder
     assert query_names(dataset) == ["night/a.png"]  # as in the lists
@@ -338,15 +337,33 @@ def test_colmap_with_a_query_list(model: Path) -> None:
     truth = dataset.truths["colmap"]["night/a.png"]
     np.testing.assert_allclose(truth, true, atol=1e-8)
     with pytest.raises(SettingsError, match="belong together"):
-        read_colmap(model / "sparse", model / "images", queries=lists["queries"])
+        read_colmap(model / "sparse", model / "images", queries=queries)
     with pytest.raises(SettingsError, match="not several"):
         read_colmap(model / "sparse", model / "images", every=3, test_list=model / "truth.txt")
 
 
-def test_photos_of_another_size_are_refused(model: Path) -> None:
-    folders.write_photo(model / "images/00.png", (32, 24))
-    with pytest.raises(DatasetError, match="is 32x24, but its camera is 64x48"):
+def test_a_photo_of_another_size_is_refused(model: Path) -> None:
+    """Whichever it is, with its name."""
+    folders.write_photo(model / "images/05.png", (32, 24))
+    with pytest.raises(ColmapModelError, match=r"05\.png is 32x24, but its camera is 64x48"):
         read_colmap(model / "sparse", model / "images", every=2)
+
+
+def test_queries_of_half_the_size(model: Path) -> None:
+    """Those of a list, in a folder of their own, beside references of the model's size."""
+    folders.write_photo(model / "queries/my night.png", (32, 24))
+    (model / "queries.txt").write_text("my night.png PINHOLE 64 48 50 50 32 24\n")
+    (model / "truth.txt").write_text("my night.png 1 0 0 0 0 0 1\n")
+    dataset = read_colmap(
+        model / "sparse",
+        model / "images",
+        queries=model / "queries.txt",
+        truth=model / "truth.txt",
+        query_folder=model / "queries",
+    )
+    (query,) = dataset.queries
+    assert query == Query("my night.png", Camera.pinhole(32, 24, fx=25, fy=25, cx=16, cy=12))
+    assert dataset.references.cameras[0].width == 64
 
 
 # --- nerfstudio
@@ -356,9 +373,8 @@ def test_transforms_split_lists(tmp_path: Path) -> None:
     names = sorted(folders.write_transforms(tmp_path))
     assert query_names(read_transforms(tmp_path)) == names[::8]
     assert query_names(read_transforms(tmp_path / "transforms.json", every=3)) == names[::3]
-    lists = {"train_filenames": names[:5], "test_filenames": names[6:]}
-    lists = {key: [f"./{name}" for name in value] for key, value in lists.items()}
-    folders.write_transforms(tmp_path, **lists)
+    train, test = ([f"./{name}" for name in listed] for listed in (names[:5], names[6:]))
+    folders.write_transforms(tmp_path, train_filenames=train, test_filenames=test)
     dataset = read_transforms(tmp_path)
     assert query_names(dataset) == names[6:]
     assert list(dataset.references.names) == names[:5]
@@ -416,6 +432,72 @@ def test_transforms_cameras_that_are_refused(
         read_transforms(tmp_path)
 
 
+def changed_transforms(folder: Path, **extra: Any) -> tuple[dict[str, Any], Path]:
+    folders.write_transforms(folder, **extra)
+    path = folder / "transforms.json"
+    return json.loads(path.read_text()), path
+
+
+def test_transforms_of_windows(tmp_path: Path) -> None:
+    """Backslashes in paths, lists of the split too; UTF-16 with a mark."""
+    tree, path = changed_transforms(tmp_path, test_filenames=["images\\frame_00003.png"])
+    for frame in tree["frames"]:
+        frame["file_path"] = frame["file_path"].removeprefix("./").replace("/", "\\")
+    path.write_text(json.dumps(tree), encoding="utf-16")
+    dataset = read_transforms(tmp_path)
+    assert query_names(dataset) == ["images/frame_00003.png"]
+    assert len(dataset.references) == 7
+
+
+def test_transforms_of_three_rows(tmp_path: Path) -> None:
+    tree, path = changed_transforms(tmp_path)
+    expected = read_transforms(tmp_path)
+    for frame in tree["frames"]:
+        del frame["transform_matrix"][3]
+    path.write_text(json.dumps(tree))
+    found = read_transforms(tmp_path)
+    np.testing.assert_array_equal(
+        found.references.cam_from_world, expected.references.cam_from_world
+    )
+
+
+@pytest.mark.parametrize("value", [float("nan"), None, "lost"])
+def test_transforms_with_lost_frames(
+    value: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Left out, with one warning that counts them; an error where nothing is left."""
+    tree, path = changed_transforms(tmp_path)
+    for frame in tree["frames"][2:4]:
+        frame["transform_matrix"][1][3] = value
+    path.write_text(json.dumps(tree))
+    dataset = read_transforms(tmp_path)
+    assert len(dataset.references) + len(dataset.queries) == 6
+    assert set(dataset.truths["transforms"]).isdisjoint(
+        ["images/frame_00003.png", "images/frame_00004.png"]
+    )
+    (warning,) = caplog.messages
+    assert "2 of 8 photos have no usable pose" in warning
+    for frame in tree["frames"]:
+        frame["transform_matrix"][1][3] = value
+    path.write_text(json.dumps(tree))
+    with pytest.raises(DatasetError, match=r"frame 0 .*not a 4x4 matrix of finite numbers"):
+        read_transforms(tmp_path)
+
+
+def test_transforms_of_portraits_and_landscapes(tmp_path: Path) -> None:
+    """Without w and h each photo has its own size, and its own focal length of one angle."""
+    folders.write_transforms(tmp_path, camera={"camera_angle_x": 2 * np.arctan(0.5)})
+    folders.write_photo(tmp_path / "images/frame_00004.png", (48, 64))
+    dataset = read_transforms(tmp_path)
+    cameras = dict(zip(dataset.references.names, dataset.references.cameras, strict=True))
+    portrait = Camera.pinhole(48, 64, fx=48, fy=48, cx=24, cy=32)
+    landscape = Camera.pinhole(64, 48, fx=64, fy=64, cx=32, cy=24)
+    for name, camera in cameras.items():
+        expected = portrait if name == "images/frame_00004.png" else landscape
+        assert (camera.width, camera.height) == (expected.width, expected.height)
+        np.testing.assert_allclose(camera.matrix(), expected.matrix(), atol=1e-9)
+
+
 # --- RGB-D
 
 
@@ -426,6 +508,17 @@ def test_rgbd_folder_split_and_lost_frames(tmp_path: Path) -> None:
     assert query_names(read_rgbd_folder(tmp_path, every=2)) == names[1::2]
     with pytest.raises(SettingsError, match="2 or more"):
         read_rgbd_folder(tmp_path, every=1)
+
+
+def test_rgbd_matrices_of_three_rows(tmp_path: Path) -> None:
+    folders.write_rgbd_folder(tmp_path)
+    expected = read_rgbd_folder(tmp_path)
+    for path in (tmp_path / "poses").glob("*.txt"):
+        np.savetxt(path, np.loadtxt(path)[:3])
+    found = read_rgbd_folder(tmp_path)
+    np.testing.assert_allclose(
+        found.references.cam_from_world, expected.references.cam_from_world, atol=1e-12
+    )
 
 
 def test_rgbd_order_needs_a_pose_a_photo(tmp_path: Path) -> None:
@@ -440,6 +533,6 @@ def test_rgbd_camera_line_of_colmap(tmp_path: Path) -> None:
     camera = read_rgbd_folder(tmp_path).queries[0].camera
     (tmp_path / "camera.txt").write_text(f"# id model ...\n1 {folders.RGBD_CAMERA}\n")
     assert read_rgbd_folder(tmp_path).queries[0].camera == camera
-    (tmp_path / "camera.txt").write_text("FISHEYE 1 2 3\n")
-    with pytest.raises(DatasetError, match=r"camera\.txt: camera model 'FISHEYE'"):
+    (tmp_path / "camera.txt").write_text("FOV 1 2 3\n")
+    with pytest.raises(DatasetError, match=r"camera\.txt: camera model 'FOV'"):
         read_rgbd_folder(tmp_path)

@@ -22,7 +22,7 @@ from gscpe.datasets import (
     read_transforms,
 )
 from gscpe.datasets.nvm import nvm_camera
-from gscpe.geometry import Camera
+from gscpe.geometry import Camera, se3
 from gscpe.geometry.projection import transform_points
 
 # In front of the camera, over all of the image.
@@ -39,7 +39,7 @@ def nvm_pixels(points: NDArray[np.float64]) -> NDArray[np.float64]:
     roots = [np.roots([folders.NVM_RADIAL, 0.0, 1.0, -r]) for r in ideal]
     measured = np.array([min(r.real[(abs(r.imag) < 1e-9) & (r.real >= 0)]) for r in roots])
     scale = np.divide(measured, ideal, out=np.ones_like(ideal), where=ideal > 0)
-    return folders.NVM_FOCAL * rays(points) * scale[:, None] + [32.0, 24.0]
+    return np.asarray(folders.NVM_FOCAL * rays(points) * scale[:, None] + [32.0, 24.0])
 
 
 def livo_pixels(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -65,7 +65,15 @@ def rgbd_writer(form: str) -> Callable[[Path], folders.Poses]:
     return lambda root: folders.write_rgbd_folder(root, form=form)
 
 
-CASES = {
+Case = tuple[
+    Callable[[Path], folders.Poses],
+    Callable[[Path], Dataset],
+    Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    float,
+]
+"""Writes it, reads it, where points lie in its photos, and to how many pixels."""
+
+CASES: dict[str, Case] = {
     "7-Scenes": (
         folders.write_seven_scenes,
         lambda root: read_seven_scenes(root, "redkitchen"),
@@ -124,7 +132,7 @@ def check(
     assert found.keys() == poses.keys() == truth.keys()
     for name, (camera, pose) in found.items():
         assert (dataset.image_folder / name).is_file()
-        world = transform_points(np.linalg.inv(poses[name]), IN_CAM)
+        world = transform_points(se3.inverse(poses[name]), IN_CAM)
         projected = distorted_projection(camera, transform_points(pose, world))
         np.testing.assert_allclose(projected, pixels(IN_CAM), atol=atol)
 
@@ -137,7 +145,6 @@ def test_points_project_alike(case: str, tmp_path: Path) -> None:
 
 
 def test_colmap(tmp_path: Path) -> None:
-    pytest.importorskip("pycolmap")
     from scenes import write_colmap_model
 
     camera = Camera.parse(folders.RGBD_CAMERA)

@@ -30,7 +30,7 @@ def test_conventions(pair: Motorcycle) -> None:
     """A point of the left photo lies its disparity further left in the right one."""
     disparity = raw_disparity()
     row, column = np.nonzero(pair.left_depth > 0)
-    pixels = np.stack([column, row], axis=1) + 0.5
+    pixels = np.stack([column, row], axis=1).astype(np.float64) + 0.5
     points = unproject(pair.left_camera, pixels, pair.left_depth[row, column].astype(np.float64))
     seen = project(pair.right_camera, transform_points(pair.right_from_left, points))
     np.testing.assert_allclose(seen[:, 0], pixels[:, 0] - disparity[row, column], atol=1e-3)
@@ -142,7 +142,9 @@ def test_the_map_is_not_shifted_from_its_photo(pair: Motorcycle) -> None:
     rendered = np.rint(255 * np.clip(view.rgb, 0, 1)).astype(np.uint8)
     rendered[~seen] = pair.left[~seen]
     photo, render = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (pair.left, rendered))
-    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(photo, render, None)
+    unknown = np.zeros((*photo.shape, 2), np.float32)
+    medium = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow = medium.calc(photo, render, unknown)
     blurred = cv2.GaussianBlur(photo.astype(np.float32), (0, 0), 1.5)
     texture = np.hypot(cv2.Sobel(blurred, -1, 1, 0), cv2.Sobel(blurred, -1, 0, 1))
     inner = cv2.erode(seen.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0

@@ -301,6 +301,10 @@ def test_ablation() -> None:
         ("without mask (published)", "1.14", "0.191"),
     )
     assert json.loads(to_json([table]))["tables"][0]["rows"][1]["median_position_cm"] is None
+    table = ablation_table("A", rows, with_published=True, metric=False)
+    assert table.header[1] == "position (map units)"
+    assert [row[1] for row in table.rows] == ["0.1734", "–"]  # noqa: RUF001
+    assert "cm" not in to_json([table])
 
 
 ODD = Table("T_1 & 50%", ("", "DSAC*|x"), (("a_b\\c", "5° <1>"),), ("~^#${}",), ({"x_cm": 1.0},))

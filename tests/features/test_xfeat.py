@@ -132,9 +132,11 @@ def test_kinds_of_images(xfeat: XFeat, network: FakeNetwork) -> None:
     for image in bad:
         with pytest.raises(PhotoError):
             xfeat.detect(image)
-    for settings in ({"max_features": 0}, {"threshold": 1.0}, {"threshold": -0.1}):
+    with pytest.raises(SettingsError):
+        xfeat.detect(IMAGE, max_features=0)
+    for threshold in (1.0, -0.1):
         with pytest.raises(SettingsError):
-            xfeat.detect(IMAGE, **settings)  # type: ignore[arg-type]
+            xfeat.detect(IMAGE, threshold=threshold)
 
 
 # From here on, the installed networks.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Sequence
 
+import cv2
 import numpy as np
 import pytest
 from helpers import distorted_projection, numeric_jacobian
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from gscpe.errors import CameraError
 from gscpe.geometry import Camera
+from gscpe.geometry.lens import image_of_directions, widest_angle
 from gscpe.geometry.projection import (
     pixel_centres,
     pose_jacobian,
@@ -33,6 +35,15 @@ MODELS: dict[str, tuple[float, ...]] = {
         *(500.0, 510.0, 321.0, 239.0),
         *(0.1, -0.05, 0.002, -0.003, 0.01, 0.02, -0.01, 0.005),
     ),
+    "SIMPLE_FISHEYE": (500.0, 321.0, 239.0),
+    "FISHEYE": (500.0, 510.0, 321.0, 239.0),
+    "SIMPLE_RADIAL_FISHEYE": (500.0, 321.0, 239.0, 0.1),
+    "RADIAL_FISHEYE": (500.0, 321.0, 239.0, 0.1, -0.05),
+    "OPENCV_FISHEYE": (500.0, 510.0, 321.0, 239.0, 0.1, -0.05, 0.02, -0.003),
+    "THIN_PRISM_FISHEYE": (
+        *(500.0, 510.0, 321.0, 239.0),
+        *(0.1, -0.05, 0.002, -0.003, 0.01, 0.02, -0.01, 0.005),
+    ),
 }
 CAMERA = Camera.pinhole(640, 480, fx=520.0, fy=431.0, cx=251.3, cy=290.7)
 
@@ -50,18 +61,60 @@ def test_parse_knows_the_colmap_models(model: str, separator: str) -> None:
     assert camera == Camera.from_colmap(model, 640, 480, MODELS[model])
     assert (camera.width, camera.height, camera.cx, camera.cy) == (640, 480, 321.0, 239.0)
     assert camera.fx == 500.0
-    assert camera.fy == (510.0 if model in ("PINHOLE", "OPENCV", "FULL_OPENCV") else 500.0)
+    assert camera.fy == (500.0 if model.startswith(("SIMPLE", "RADIAL")) else 510.0)
     assert camera.is_pinhole == model.endswith("PINHOLE")
+    assert camera.fisheye == model.endswith("FISHEYE")
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_colmap_sees_the_same_pixels(model: str, rng: np.random.Generator) -> None:
     pycolmap = pytest.importorskip("pycolmap", reason="no pycolmap wheel for this machine")
     points = random_points(rng)
+    if not hasattr(pycolmap.CameraModelId, model):
+        pytest.skip("this pycolmap does not know the model")
     theirs = pycolmap.Camera(model=model, width=640, height=480, params=list(MODELS[model]))
     ours = Camera.from_colmap(model, 640, 480, MODELS[model])
-    np.testing.assert_allclose(
-        distorted_projection(ours, points), theirs.img_from_cam(points), atol=1e-9
+    expected = theirs.img_from_cam(points)
+    np.testing.assert_allclose(distorted_projection(ours, points), expected, atol=1e-9)
+    pixels, seen = image_of_directions(ours, points)
+    np.testing.assert_allclose(pixels, expected, atol=1e-9)
+    assert seen.all()
+
+
+def test_opencv_sees_the_same_pixels(rng: np.random.Generator) -> None:
+    """Its fisheye, too, whose top-left pixel has its centre at (0, 0)."""
+    points = random_points(rng)
+    camera = Camera.from_colmap("OPENCV_FISHEYE", 640, 480, MODELS["OPENCV_FISHEYE"])
+    coefficients = np.array(MODELS["OPENCV_FISHEYE"][4:])
+    still = np.zeros(3)
+    expected, _ = cv2.fisheye.projectPoints(
+        points[:, None], still, still, camera.opencv_matrix(), coefficients
+    )
+    pixels, _ = image_of_directions(camera, points)
+    np.testing.assert_allclose(pixels - 0.5, expected[:, 0], atol=1e-9)
+
+
+def test_where_a_lens_images_nothing() -> None:
+    """Behind the camera; of a fisheye, beyond where its polynomial turns back."""
+    turns_back = Camera.from_colmap("SIMPLE_RADIAL_FISHEYE", 640, 480, (300, 320, 240, -1 / 3))
+    assert widest_angle(turns_back) == pytest.approx(1.0, abs=0.005)
+    equidistant = Camera.from_colmap("SIMPLE_FISHEYE", 640, 480, (200, 320, 240))
+    angles = np.array([0.0, 0.5, 0.99, 1.02, 2.0])
+    directions = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
+    pixels, seen = image_of_directions(turns_back, directions)
+    assert seen.tolist() == [True, True, True, False, False]
+    pixels, seen = image_of_directions(equidistant, directions)
+    assert seen.all()
+    np.testing.assert_allclose(pixels[:, 0], 320 + 200 * angles)
+    assert image_of_directions(CAMERA, directions)[1].tolist() == [True] * 4 + [False]
+
+
+@pytest.mark.parametrize(("focal", "pinhole"), [(500.0, 500.0), (200.0, 320 / 1.2)])
+def test_the_pinhole_in_place_of_a_fisheye(focal: float, pinhole: float) -> None:
+    """The resolution of the middle; at most 50 degrees to a side."""
+    camera = Camera.from_colmap("OPENCV_FISHEYE", 640, 480, (focal, focal, 320, 240, 0.1, 0, 0, 0))
+    assert camera.without_distortion() == Camera.pinhole(
+        640, 480, fx=pinhole, fy=pinhole, cx=320, cy=240
     )
 
 
@@ -90,8 +143,8 @@ def test_colmap_text_of_numpy_numbers() -> None:
         ("PINHOLE", "not of the form"),
         ("PINHOLE,640,480,a,b,c,d", "not of the form"),
         ("PINHOLE,640.5,480,500,500,320,240", "not of the form"),
-        ("FISHEYE,640,480,500,500,320,240", "'FISHEYE' is not supported"),
-        ("OPENCV_FISHEYE,640,480,1,1,1,1,0,0,0,0", "undistort the photos"),
+        ("FOV,640,480,500,500,320,240,1", "'FOV' is not supported.*undistort the photos"),
+        ("OPENCV_FISHEYE,640,480,500,500,320,240", "takes 8 parameters"),
         ("PINHOLE,640,480,500,320,240", r"takes 4 parameters \(fx, fy, cx, cy\), got 3"),
         ("PINHOLE,640,480,500,500,320,240,0", "takes 4 parameters .*, got 5"),
         ("PINHOLE,0,480,500,500,320,240", "size must be positive, not 0x480"),

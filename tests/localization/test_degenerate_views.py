@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from typing import Callable
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def striped(world: World) -> World:
     return World((replace(plane, texture=np.ascontiguousarray(stripes)),))
 
 
-WORLDS = {
+WORLDS: dict[str, Callable[[], World]] = {
     "blank wall": functools.partial(faded, wall(), 0.0),
     "pale wall": functools.partial(faded, wall(), 0.03),
     "striped wall": functools.partial(striped, wall()),

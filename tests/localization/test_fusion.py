@@ -6,6 +6,7 @@ import numpy as np
 from helpers import random_pose
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from gscpe.geometry import se3
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment, fuse_poses
@@ -13,11 +14,11 @@ from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 seeds = st.integers(0, 2**32 - 1)
 
 
-def random_covariance(rng: np.random.Generator) -> np.ndarray:
+def random_covariance(rng: np.random.Generator) -> NDArray[np.float64]:
     """Metres and radians of very different size, correlated."""
     scale = 10.0 ** rng.uniform(-4, -2, 6)
     square = rng.normal(size=(6, 8)) * scale[:, None]
-    return square @ square.T
+    return np.asarray(square @ square.T)
 
 
 @given(seeds)
@@ -28,7 +29,7 @@ def test_it_minimizes_the_sum_of_both_squared_errors(seed: int) -> None:
     b = se3.exp(rng.multivariate_normal(np.zeros(6), covariance_b)) @ a
     fused, covariance = fuse_poses(a, covariance_a, b, covariance_b)
 
-    def cost(cam_from_world: np.ndarray) -> float:
+    def cost(cam_from_world: NDArray[np.float64]) -> float:
         errors = (se3.log(cam_from_world @ se3.inverse(each)) for each in (a, b))
         return sum(
             float(error @ np.linalg.solve(each, error))
@@ -80,3 +81,19 @@ def test_matches_count_less(rng: np.random.Generator) -> None:
     share = 4.0 / (1.0 + 4.0)
     np.testing.assert_allclose(se3.log(pose @ se3.inverse(matched)), share * whole, rtol=1e-6)
     np.testing.assert_allclose(found, share * covariance, rtol=1e-6)
+
+
+def test_the_mean_of_two_that_share_errors_is_as_sure_as_it_says(rng: np.random.Generator) -> None:
+    """Both see one photo and one map: half of the variance of each is the same. The normalized
+    error squared of the mean averages 6 (as if they were independent, it would be 9)."""
+    truth, covariance = random_pose(rng), random_covariance(rng)
+    values = []
+    for _ in range(300):
+        shared, one, other = rng.multivariate_normal(np.zeros(6), 0.5 * covariance, 3)
+        found, claimed = fuse_matches_and_alignment(
+            se3.exp(shared + one) @ truth, covariance,
+            se3.exp(shared + other) @ truth, covariance, FusionSettings(),
+        )  # fmt: skip
+        xi = se3.log(truth @ se3.inverse(found))
+        values.append(xi @ np.linalg.solve(claimed, xi))
+    assert 5.0 < np.mean(values) < 7.5

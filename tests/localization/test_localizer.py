@@ -7,7 +7,7 @@ its surfels are a pixel wide.
 
 from __future__ import annotations
 
-from typing import Iterator
+from typing import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -144,7 +144,7 @@ def test_grey_and_dim_photos(localizer: Localizer) -> None:
     check(localizer.localize(dim, CAMERA), aside(), distance=5e-3)
 
 
-NO_PLACES = {
+NO_PLACES: dict[str, Callable[[], NDArray[np.uint8]]] = {
     "another place": lambda: room(77).shoot(CAMERA, ROOM_POSE).uint8,
     "the room painted anew": lambda: room(5).shoot(CAMERA, ROOM_POSE).uint8,
     "black": lambda: np.zeros((180, 240, 3), np.uint8),

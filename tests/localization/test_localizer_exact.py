@@ -65,6 +65,7 @@ def test_exact_for_any_camera(name: str, map_: Map) -> None:
     assert result.cam_from_world is not None, result.reason
     assert result.reference == "1.png"
     assert result.aligned is not None
+    assert result.aligned.cam_from_world is not None
     for cam_from_world, factor in ((result.aligned.cam_from_world, 1), (result.cam_from_world, 2)):
         error = pose_difference(cam_from_world, POSE)
         assert error.distance < factor * 0.15e-3
@@ -75,8 +76,8 @@ def test_half_a_pixel_end_to_end(map_: Map) -> None:
     """The principal point half a pixel off, as if it were OpenCV's: 25 times the error above."""
     camera = CAMERAS["large"]
     with Localizer(map_) as localizer:
-        for change in ({"cx": camera.cx - 0.5}, {"cy": camera.cy + 0.5}):
-            result = localizer.localize(photo(camera), replace(camera, **change))
+        for wrong in (replace(camera, cx=camera.cx - 0.5), replace(camera, cy=camera.cy + 0.5)):
+            result = localizer.localize(photo(camera), wrong)
             assert result.cam_from_world is not None
             error = pose_difference(result.cam_from_world, POSE)
             assert error.distance > 1e-3 or error.degrees > 0.05

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Iterator
+from typing import Any, Iterator
 
 import numpy as np
 import pytest
@@ -13,12 +14,23 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import Localizer, PosePrior, open_map, save_map
+from gscpe import (
+    Attempt,
+    Localizer,
+    LocalizerSettings,
+    Observer,
+    PosePrior,
+    References,
+    Start,
+    open_map,
+    save_map,
+)
 from gscpe.errors import MapError, PoseError
 from gscpe.geometry import pose_difference, se3
+from gscpe.geometry.pose_error import camera_centre
 from gscpe.localization.starts import different_places, near_the_prior_first
 from gscpe.mapping import map_without_references
-from gscpe.retrieval import RetrievedReference
+from gscpe.retrieval import RetrievedReference, open_describer
 
 CAMERA = room_camera(240, 180)
 TRUTH = np.asarray(se3.exp([0.06, -0.03, 0.05, 0.02, -0.03, 0.01]) @ ROOM_POSE)
@@ -133,6 +145,88 @@ def test_impossible_priors() -> None:
     for sigma in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(PoseError, match="positive and finite"):
             PosePrior(np.eye(4), translation_sigma=sigma)
+
+
+def test_deviations_are_numbers() -> None:
+    wrong: Any
+    for wrong in ([0.1, 0.1, 0.2], np.array([0.1, 0.1, 0.2])):
+        with pytest.raises(PoseError, match="one number for all directions"):
+            PosePrior(np.eye(4), translation_sigma=wrong)
+        with pytest.raises(PoseError, match="one number for all directions"):
+            PosePrior(np.eye(4), rotation_sigma_degrees=wrong)
+    for wrong in ("near", None):
+        with pytest.raises(PoseError, match="positive and finite"):
+            PosePrior(np.eye(4), translation_sigma=wrong)
+    assert PosePrior(np.eye(4), np.float32(0.5)).translation_sigma == 0.5  # type: ignore[arg-type]
+
+
+def test_a_prior_keeps_a_copy() -> None:
+    pose = np.eye(4)
+    prior = PosePrior(pose)
+    pose[0, 3] = 7.0
+    assert prior.cam_from_world[0, 3] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        prior.cam_from_world[0, 3] = 7.0
+    nested: Any = [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+    from_list = PosePrior(nested).cam_from_world
+    assert from_list.dtype == np.float64
+    np.testing.assert_array_equal(from_list, nested)
+    nested[0] = [1, 0.1, 0, 1]
+    wrong: Any
+    for wrong in (nested, [1, 2, 3], "here", np.full((4, 4), np.nan)):
+        with pytest.raises(PoseError, match="the prior's cam_from_world"):
+            PosePrior(wrong)
+
+
+def test_a_position_is_where_the_camera_stands() -> None:
+    prior = PosePrior.at([1.0, 2.0, 3.0], 4.0)
+    np.testing.assert_allclose(camera_centre(prior.cam_from_world), [1.0, 2.0, 3.0])
+    assert (prior.translation_sigma, prior.rotation_sigma_degrees) == (4.0, 180.0)
+    wrong: Any
+    for wrong in ([1.0, 2.0], np.eye(4), "here", [1.0, 2.0, np.nan]):
+        with pytest.raises(PoseError):
+            PosePrior.at(wrong, 1.0)
+
+
+def test_a_position_alone_is_no_pose_to_render_from(
+    localizer: Localizer, image: NDArray[np.uint8]
+) -> None:
+    prior = PosePrior.at(camera_centre(TRUTH), 0.5)
+    result = localizer.localize(image, CAMERA, prior=prior)
+    assert result.started_from == "reference"
+    assert is_found(result.cam_from_world)
+    alone = map_without_references(room_map().scene)
+    with Localizer(alone) as without, pytest.raises(MapError, match="give a prior pose"):
+        without.localize(image, CAMERA, prior=prior)
+
+
+def test_a_position_decides_between_places_that_look_alike(
+    localizer: Localizer, image: NDArray[np.uint8]
+) -> None:
+    """References near the position come first, also where others are more similar, and where
+    they are beyond the number that is retrieved otherwise."""
+    tried: list[Start] = []
+
+    class Starts(Observer):
+        def attempted(self, attempt: Attempt) -> None:
+            tried.append(attempt.start)
+
+    poses = np.stack([se3.exp([-0.3 * x, 0, 0, 0, 0, 0]) @ ROOM_POSE for x in range(5)])
+    ours = localizer.map
+    # A shorter descriptor is less similar: a before b, and so on.
+    described = open_describer(ours.descriptors, None).describe(image, None, None)
+    rows = np.linspace(1.0, 0.9, 5, dtype=np.float32)[:, None] * described
+    alike = replace(
+        ours,
+        references=References(tuple("abcde"), poses, ours.references.cameras[:1] * 5),
+        descriptors=replace(ours.descriptors, descriptors=rows),
+    )
+    settings = LocalizerSettings(hypotheses=1, retrieved=1, same_place=0.1)
+    with Localizer(alike, settings) as one:
+        one.localize(image, CAMERA, observer=Starts())
+        prior = PosePrior.at(camera_centre(poses[3]), 0.01)
+        one.localize(image, CAMERA, prior=prior, observer=Starts())
+    assert [start.reference for start in tried] == ["a", "d"]
 
 
 def retrieved(*indices: int) -> list[RetrievedReference]:

@@ -108,7 +108,7 @@ def test_units_and_origins_do_not_matter(
         assert error.distance < 2e-6 * ROOM_SIZE  # float32 splats: 1.1e-6 was the most
         assert error.degrees < 1e-4
         assert here.covariance is not None and there.covariance is not None
-        sigmas, expected = (np.sqrt(np.diag(each.covariance)) for each in (here, there))
+        sigmas, expected = (np.sqrt(np.diag(c)) for c in (here.covariance, there.covariance))
         units = np.repeat([scale, 1.0], 3)
         np.testing.assert_allclose(sigmas, units * expected, rtol=1e-2)
     assert [result.started_from for result in results] == ["reference", "tracking", "prior"]

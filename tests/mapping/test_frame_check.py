@@ -21,11 +21,13 @@ from gscpe.mapping import (
     check_frames,
     measure_misfit,
     scene_from_rgbd,
+    with_fitting_axes,
 )
 from gscpe.mapping.diagnosis import rounded_coordinates
 from gscpe.mapping.frame_candidates import nerfstudio_normalization
 from gscpe.scene import GaussianScene, References, write_image
 from gscpe.scene.moved import move_references, move_scene
+from gscpe.scene.turned import Y_AND_Z_NEGATED, turned
 
 CAMERA = room_camera(240, 180)
 POSES = [
@@ -80,7 +82,6 @@ def test_the_right_frame_is_accepted_in_silence(
     "model_moved",
     [
         moved(shift=(0.05, 0, 0)),
-        moved(shift=(0.1, 0.1, -0.1)),
         moved(rotation=(0, 1, 0)),
         moved(scale=1.3),
         moved(scale=1.1, rotation=(0.5, -1.0, 0.5), shift=(0.05, -0.05, 0.0)),
@@ -186,6 +187,25 @@ def test_what_programs_do_is_recognized_and_mended(
     mended = check_frames(splat, fitted, photos, metres_per_unit=unit, matcher="sift")
     assert mended is not None
     assert mended.verdict(FrameCheckSettings()) == "fits"
+
+
+@pytest.mark.parametrize("axes_are_open", [False, True])
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_the_axes_that_fit_the_photos_are_taken(
+    is_turned: bool, axes_are_open: bool, photos: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    right = scene()
+    given = turned(right, Y_AND_Z_NEGATED) if is_turned else right
+    with caplog.at_level(logging.WARNING):
+        taken = with_fitting_axes(given, references(), photos, axes_are_open=axes_are_open)
+    np.testing.assert_allclose(taken.means, right.means, atol=1e-6)
+    assert ("y and z negated" in caplog.text) == is_turned
+    assert (taken is given) == (not is_turned)
+
+
+def test_where_neither_axes_fit_the_check_says_so(photos: Path) -> None:
+    odd = move_scene(scene(), moved(rotation=(10.0, 80.0, 60.0), shift=(1.0, 2.0, 3.0)))
+    assert with_fitting_axes(odd, references(), photos) is odd
 
 
 def test_scales_that_are_no_logarithms_are_named(photos: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -138,6 +140,6 @@ def test_wrong_input() -> None:
 
 
 @pytest.mark.parametrize("change", [{"surfel_sigma": 0.0}, {"thickness": -1.0}, {"opacity": 1.0}])
-def test_impossible_settings(change: dict[str, float]) -> None:
+def test_impossible_settings(change: dict[str, Any]) -> None:
     with pytest.raises(SettingsError, match="surfels need"):
         RgbdMapSettings(**change)

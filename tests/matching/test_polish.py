@@ -32,7 +32,8 @@ def texture(shift: tuple[float, float] = (0.0, 0.0), zoom: float = 1.0) -> NDArr
 
 def points(rng: np.random.Generator, count: int = 200) -> NDArray[np.float64]:
     """Away from the borders, at centres of pixels."""
-    return rng.integers((20, 20), (WIDTH - 20, HEIGHT - 20), (count, 2)) + 0.5
+    whole = rng.integers((20, 20), (WIDTH - 20, HEIGHT - 20), (count, 2))
+    return np.asarray(whole + 0.5, dtype=np.float64)
 
 
 def polished(
@@ -78,8 +79,11 @@ def test_a_brightness_that_changes_across_the_image(rng: np.random.Generator) ->
     at = points(rng)
     true = at + np.array([0.4, 0.3])
     result = polished(texture(), moving, at, at)
-    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (texture(), moving)]
-    without = polish(*grey, at, at, SETTINGS)
+    grey, moving_grey = (
+        np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+        for image in (texture(), moving)
+    )
+    without = polish(grey, moving_grey, at, at, SETTINGS)
     error, error_without = (
         np.median(np.linalg.norm(each - true, axis=1)) for each in (result, without)
     )
@@ -96,10 +100,10 @@ def test_what_cannot_be_aligned_stays(rng: np.random.Generator) -> None:
 
 
 def test_none_moves_farther_than_it_may(rng: np.random.Generator) -> None:
-    noise = [rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(2)]
+    a, b = (rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(2))
     at = points(rng)
     for limit in (0.5, 3.0):
-        moved = polished(*noise, at, at, PolishSettings(max_shift=limit)) - at
+        moved = polished(a, b, at, at, PolishSettings(max_shift=limit)) - at
         assert 0 < np.linalg.norm(moved, axis=1).max() <= limit + 1e-5
         assert np.any(np.all(moved == 0, axis=1))
 

@@ -107,6 +107,17 @@ def test_what_the_network_is_asked() -> None:
     assert XFeatMatcherSettings().max_features == 4096
 
 
+def of_kind(kind: str, polish: PolishSettings | None, corners: NDArray[np.float64]) -> Matcher:
+    """A matcher that finds features at these pixels of both images; SIFT finds its own."""
+    fake = cast(XFeat, FakeXFeat(*[features(np.eye(4), corners)] * 2))
+    if kind == "xfeat":
+        return XFeatMatcher(XFeatMatcherSettings(polish=polish), fake)
+    if kind == "lighterglue":
+        settings = LighterGlueMatcherSettings(polish=polish)
+        return LighterGlueMatcher(settings, fake, cast(LighterGlue, InOrder()))
+    return SiftMatcher(SiftMatcherSettings(polish=polish))
+
+
 @pytest.mark.parametrize("kind", ["xfeat", "lighterglue", "sift"])
 def test_matches_are_polished_as_the_settings_say(kind: str) -> None:
     """The room seen by a camera with another principal point: all moves by the same."""
@@ -117,16 +128,9 @@ def test_matches_are_polished_as_the_settings_say(kind: str) -> None:
     corners = np.array([[60.5, 50.5], [100.5, 90.5], [150.5, 120.5], [180.5, 70.5]])
 
     def shift(polish: PolishSettings | None) -> NDArray[np.float64]:
-        matcher: Matcher
-        fake = cast(XFeat, FakeXFeat(*[features(np.eye(4), corners)] * 2))
-        if kind == "xfeat":
-            matcher = XFeatMatcher(XFeatMatcherSettings(polish=polish), fake)
-        elif kind == "lighterglue":
-            settings = LighterGlueMatcherSettings(polish=polish)
-            matcher = LighterGlueMatcher(settings, fake, cast(LighterGlue, InOrder()))
-        else:
-            matcher = SiftMatcher(SiftMatcherSettings(polish=polish))
-        matches = matcher.match(*(matcher.prepare(image, None) for image in images))
+        matcher = of_kind(kind, polish, corners)
+        photo, render = (matcher.prepare(image, None) for image in images)
+        matches = matcher.match(photo, render)
         return np.asarray(np.median(matches.render_pixels - matches.photo_pixels, axis=0))
 
     np.testing.assert_allclose(shift(PolishSettings()), [0.4, -0.3], atol=0.06)

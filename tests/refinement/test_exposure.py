@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -29,6 +30,34 @@ def test_what_is_clipped() -> None:
     assert is_clipped(taken(2.0), CLIPPING)
 
 
+def test_bright_is_not_clipped_and_jpeg_hides_no_clipping() -> None:
+    """A wall in the sun that stays just below white is a picture like any other; and what a JPEG
+    makes of clipped pixels, 254 here and there, is still clipped."""
+    assert not is_clipped(np.full((60, 80, 3), 253, np.uint8), CLIPPING)
+    _, stored = cv2.imencode(".jpg", taken(2.0)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+    opened = cv2.imdecode(stored, cv2.IMREAD_COLOR)
+    assert opened is not None
+    assert is_clipped(np.asarray(opened[..., ::-1], np.uint8), CLIPPING)
+
+
+def test_a_bright_picture_keeps_its_exposure() -> None:
+    """All of it between 240 and 253: nothing is clipped, so gain and bias are determined."""
+    photo = np.rint(240 + 13 * np.clip(SHOT.rgb, 0, 1)).astype(np.uint8)
+    found = fit_exposure(RENDER, photo, SHOWN, CLIPPING)
+    assert found is not None
+    assert found[0] == pytest.approx(13 / 255, rel=0.1)
+    assert found[1] == pytest.approx(240 / 255, abs=0.005)
+
+
+def test_a_few_clipped_pixels_are_ordinary() -> None:
+    """A lamp in the picture: a percent is not, three percent are."""
+    photo = np.full((100, 100, 3), 128, np.uint8)
+    photo[:10, :10, 1] = 255
+    assert not is_clipped(photo, CLIPPING)
+    photo[:10, :30, 1] = 255
+    assert is_clipped(photo, CLIPPING)
+
+
 @pytest.mark.parametrize(("gain", "bias"), [(0.6, 0.1), (1.0, 0.0), (1.6, -0.05), (2.5, 0.0)])
 def test_exposure_is_found_whatever_is_clipped(gain: float, bias: float) -> None:
     photo = taken(gain, bias)
@@ -51,7 +80,7 @@ def test_a_clipped_photo_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def refine() -> RefinementResult:
         renderer = RayCastRenderer(room())
-        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings())  # type: ignore[arg-type]
+        return refine_pose(renderer, Photo(photo, CAMERA, None), start, RefinementSettings())
 
     result = refine()
     assert result.cam_from_world is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers import numeric_jacobian
@@ -31,7 +33,7 @@ def anchor(values: NDArray[np.float64], camera: Camera = CAMERA) -> AnchorLevel:
     return AnchorLevel(values.astype(np.float32), np.ones(depth.shape, bool), camera, depth)
 
 
-def template_of(level: AnchorLevel, **settings: int) -> Template:
+def template_of(level: AnchorLevel, **settings: Any) -> Template:
     template = build_template(level, LucasKanadeSettings(**settings))
     assert template is not None
     return template
@@ -97,7 +99,8 @@ def test_thinning_is_even_and_repeatable() -> None:
     kept = template_of(anchor(waves(u, v)), max_template_pixels=800)
     assert len(kept.intensities) == pytest.approx(800, rel=0.05)
     pixels = project(CAMERA, kept.points.T.astype(np.float64))
-    counts, _, _ = np.histogram2d(*pixels.T, bins=(4, 3), range=((1, 79), (1, 59)))
+    across, down = pixels.T
+    counts, _, _ = np.histogram2d(across, down, bins=(4, 3), range=((1, 79), (1, 59)))
     assert counts.min() > 0.6 * 800 / 12
     again = template_of(anchor(waves(u, v)), max_template_pixels=800)
     np.testing.assert_array_equal(again.points, kept.points)

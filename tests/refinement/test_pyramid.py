@@ -101,6 +101,18 @@ def test_the_mask_is_halved_with_the_anchor() -> None:
     assert np.argwhere(~levels[2].valid).tolist() == [[0, 1]]
 
 
+@given(hnp.arrays(bool, (16, 24)))
+def test_lenient_levels_need_half_of_their_pixels(valid: NDArray[np.bool_]) -> None:
+    """Half of all pixels of the full size; the levels before need all."""
+    image, camera = np.ones(valid.shape, np.float32), camera_of(24, 16)
+    levels = anchor_pyramid(image, image, valid, camera, 3, 2)
+    assert np.array_equal(levels[1].valid, halve_all(valid))
+    for level in (2, 3):
+        size = 2**level
+        blocks = valid.reshape(16 // size, size, 24 // size, size)
+        assert np.array_equal(levels[level].valid, blocks.mean(axis=(1, 3)) >= 0.5)
+
+
 def test_no_levels_leave_the_image_as_it_is() -> None:
     camera = camera_of(16, 8)
     image, valid = linear_image(camera), np.ones((8, 16), dtype=bool)
@@ -114,6 +126,8 @@ def test_luminance_of_bytes_and_floats(rng: np.random.Generator) -> None:
     expected = (0.299 * pixels[..., 0] + 0.587 * pixels[..., 1] + 0.114 * pixels[..., 2]) / 255
     assert luminance(pixels).dtype == np.float32
     np.testing.assert_allclose(luminance(pixels), expected, atol=1e-6)
-    np.testing.assert_allclose(luminance(pixels.astype(np.float32) / 255), expected, atol=1e-6)
+    np.testing.assert_allclose(
+        luminance(pixels.astype(np.float32) / np.float32(255)), expected, atol=1e-6
+    )
     white = np.full((1, 1, 3), 255, np.uint8)
     np.testing.assert_allclose(luminance(white), 1.0, atol=1e-6)

@@ -96,7 +96,7 @@ def test_tolerances_follow_the_depth() -> None:
     assert close.tolerance_unit > 2.0
 
 
-PAPER = {"rerender_translation": 0.005, "rerender_rotation_degrees": 0.5}
+PAPER: dict[str, Any] = {"rerender_translation": 0.005, "rerender_rotation_degrees": 0.5}
 
 
 def test_it_renders_anew_when_the_image_has_moved() -> None:
@@ -177,6 +177,6 @@ def test_pictures_of_no_place_are_not_trusted(name: str, rng: np.random.Generato
 @pytest.mark.parametrize(
     "settings", [{"levels": -1}, {"min_anchors": 0}, {"min_anchors": 3, "max_anchors": 2}]
 )
-def test_impossible_settings(settings: dict[str, int]) -> None:
+def test_impossible_settings(settings: dict[str, Any]) -> None:
     with pytest.raises(SettingsError, match="refinement needs"):
         RefinementSettings(**settings)

@@ -7,9 +7,9 @@ import pytest
 from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.geometry import pose_difference, se3
-from gscpe.refinement import RefinementSettings, refine_pose
-from gscpe.refinement.lucas_kanade import LucasKanadeSettings, build_template
-from gscpe.refinement.pyramid import anchor_pyramid, photo_pyramid
+from gscpe.refinement import RefinementSettings, refine_pose, turned_starts
+from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, build_template
+from gscpe.refinement.pyramid import AnchorLevel, anchor_pyramid, photo_pyramid
 from gscpe.refinement.turned_starts import align_from_turned_starts
 from gscpe.scene import Photo, luminance
 
@@ -39,6 +39,23 @@ def test_a_camera_turned_far_is_brought_back(axis: int, sign: int) -> None:
     assert left.distance < 0.05
 
 
+def test_what_hardly_overlaps_does_not_win(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The likeness of a sliver of the picture is chance: the best of those that overlap wins."""
+    level = AnchorLevel(np.zeros((12, 16), np.float32), np.ones((12, 16), bool), CAMERA, SHOT.depth)
+    template = build_template(
+        AnchorLevel(luminance(SHOT.rgb.astype(np.float32)), SHOT.depth > 0, CAMERA, SHOT.depth),
+        LucasKanadeSettings(),
+    )
+    assert template is not None
+    likenesses = [(0.5, 0.9), (0.99, 0.2), (0.7, 0.8), (np.nan, 0.9), (0.6, 0.9), (0.98, 0.0)]
+    ends = [Alignment(np.eye(4), 1.0, float(i), 0.0, 0, 0.0, 1, True) for i in range(6)]
+    aligned, told = iter([*ends, None]), iter(likenesses)
+    monkeypatch.setattr(turned_starts, "align", lambda *_: next(aligned))
+    monkeypatch.setattr(turned_starts, "photometric_agreement", lambda *_: next(told))
+    found = align_from_turned_starts(template, level, level, 1.0, 0.0, 5.0, LucasKanadeSettings())
+    assert found is ends[2]
+
+
 def test_whole_refinement_from_far_off() -> None:
     """From 12 cm and 7 degrees, where the plain one ends elsewhere."""
     start = se3.exp([-0.076, -0.015, 0.091, 0.074, -0.062, 0.075]) @ ROOM_POSE
@@ -46,7 +63,7 @@ def test_whole_refinement_from_far_off() -> None:
     errors = []
     for degrees in (5.0, 0.0):
         settings = RefinementSettings(levels=4, turned_degrees=degrees)
-        result = refine_pose(RayCastRenderer(room()), photo, start, settings)  # type: ignore[arg-type]
+        result = refine_pose(RayCastRenderer(room()), photo, start, settings)
         found = result.cam_from_world
         errors.append(np.inf if found is None else pose_difference(found, ROOM_POSE).distance)
     assert errors[0] < 1e-3

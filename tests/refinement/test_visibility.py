@@ -77,6 +77,16 @@ def test_what_no_other_view_shows_is_masked() -> None:
     assert mask[80:110, 20:50].all()  # the wall below stays
 
 
+@pytest.mark.parametrize(("opacity", "trusted"), [(0.8, False), (0.95, True)])
+def test_a_hole_that_is_half_closed_is_a_hole(opacity: float, trusted: bool) -> None:
+    """Where a fifth of the light comes from behind, the colour and the depth are nobody's."""
+    view = anchor_view()
+    veil = view.opacity.copy()
+    veil[80:110, 20:50] = opacity
+    mask = mask_of(replace(view, opacity=veil))[80:110, 20:50]
+    assert mask.all() if trusted else not mask.any()
+
+
 def test_the_tolerance_is_that_of_depth() -> None:
     """A floater 1 cm off is within 2 cm, and beyond 0.2 cm; the small views' own range of
     depth over 3x3 pixels (up to 5 cm on this wall) comes on top."""

@@ -9,18 +9,22 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import moderngl
 import numpy as np
 import pytest
 from helpers import random_scene, simple_camera
+from numpy.typing import NDArray
 
 from gscpe.errors import RenderError
 from gscpe.render import Renderer
 from gscpe.render.context import check_errors
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.scene import GaussianScene
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkContext, SpawnContext
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="there is no /proc")
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
@@ -44,13 +48,16 @@ def put_picture(pictures: Any, scene: GaussianScene, backend: str) -> None:
         pictures.put(str(error))
 
 
-def from_worker(method: str, scene: GaussianScene, backend: str) -> Any:
-    context = multiprocessing.get_context(method)
+def from_worker(
+    context: ForkContext | SpawnContext, scene: GaussianScene, backend: str
+) -> NDArray[np.float32] | str:
+    """The picture, or why there is none."""
     pictures = context.Queue()
     worker = context.Process(target=put_picture, args=(pictures, scene, backend))
     worker.start()
     try:
-        return pictures.get(timeout=120)
+        answer: NDArray[np.float32] | str = pictures.get(timeout=120)
+        return answer
     finally:
         worker.join(timeout=60)
         if worker.is_alive():
@@ -73,14 +80,16 @@ def test_a_renderer_for_each_thread(scene: GaussianScene, backend: str) -> None:
 
 def test_a_spawned_process_renders(scene: GaussianScene, backend: str) -> None:
     expected = picture(scene, backend)
-    np.testing.assert_array_equal(from_worker("spawn", scene, backend), expected)
+    np.testing.assert_array_equal(
+        from_worker(multiprocessing.get_context("spawn"), scene, backend), expected
+    )
 
 
 @needs_fork
 def test_a_forked_process_is_told_that_opengl_did_not_survive(scene: GaussianScene) -> None:
     """Rather than wait for ever for the driver's threads."""
     picture(scene, "gl")
-    assert "spawn" in from_worker("fork", scene, "gl")
+    assert "spawn" in from_worker(multiprocessing.get_context("fork"), scene, "gl")
 
 
 @needs_fork

@@ -37,7 +37,8 @@ def touches(scene: GaussianScene, camera: Camera, cam_from_world: np.ndarray) ->
         u = camera.fx * points[:, 0] / z + camera.cx
         v = camera.fy * points[:, 1] / z + camera.cy
     inside = (u + reach > 0) & (v + reach > 0) & (u - reach < camera.width)
-    return inside & (v - reach < camera.height) & (z > scene.near) & (scene.opacities >= 1 / 255)
+    inside &= (v - reach < camera.height) & (z > scene.near) & (scene.opacities >= 1 / 255)
+    return np.asarray(inside)
 
 
 @given(seeds)

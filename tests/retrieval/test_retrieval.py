@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,7 +58,9 @@ def test_unit_length(local: list[NDArray[np.float32]], vocabulary: NDArray[np.fl
 
 
 @given(st.integers(0, 40), st.integers(1, 9), st.integers(1, 7), st.randoms())
-def test_vlad_by_its_definition_in_any_order(count: int, words: int, width: int, random) -> None:  # type: ignore[no-untyped-def]
+def test_vlad_by_its_definition_in_any_order(
+    count: int, words: int, width: int, random: Random
+) -> None:
     rng = np.random.default_rng(random.randrange(2**32))
     descriptors = rng.normal(size=(count, width)).astype(np.float32)
     vocabulary = rng.normal(size=(words, width)).astype(np.float32)
@@ -65,7 +69,7 @@ def test_vlad_by_its_definition_in_any_order(count: int, words: int, width: int,
         word = np.argmin(((vocabulary - each) ** 2).sum(axis=1))
         expected[word] += each - vocabulary[word]
     expected = np.sign(expected) * np.abs(expected) ** 0.5
-    expected /= max(np.linalg.norm(expected), 1e-12)
+    expected /= max(float(np.linalg.norm(expected)), 1e-12)
     vlad = aggregate(descriptors, vocabulary)
     np.testing.assert_allclose(vlad, expected.ravel(), atol=1e-3)
     np.testing.assert_allclose(aggregate(rng.permutation(descriptors), vocabulary), vlad, atol=1e-3)

@@ -8,6 +8,7 @@ import json
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from helpers import assert_same_map, random_scene, some_map
 
 from gscpe.cli.main import main
 from gscpe.errors import MapError, MissingDependencyError, OutputError
-from gscpe.scene import Map, MapFrame, open_map, save_map
+from gscpe.scene import GaussianScene, Map, MapFrame, compression, open_map, save_map
+from gscpe.scene.compression import outliers
 from gscpe.scene.map_folder import check_map_output
+from gscpe.scene.spz import encode_spz
 
 pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
 
@@ -38,11 +41,10 @@ def folder(tmp_path: Path, map_: Map) -> Path:
 def scaled(map_: Map, factor: float) -> Map:
     """The map with other lengths; poses stay, since nothing here looks at them."""
     scene = map_.scene
-    lengths = {
-        name: np.asarray(getattr(scene, name) * factor, dtype=np.float32)
-        for name in ("means", "scales")
-    }
-    return replace(map_, scene=replace(scene, **lengths))
+    means, scales = (
+        np.asarray(lengths * factor, dtype=np.float32) for lengths in (scene.means, scene.scales)
+    )
+    return replace(map_, scene=replace(scene, means=means, scales=scales))
 
 
 def assert_almost_same(opened: Map, map_: Map) -> None:
@@ -101,15 +103,91 @@ def test_kinds_replace_each_other(folder: Path, map_: Map) -> None:
     assert_almost_same(open_map(folder), map_)
 
 
-def test_scenes_that_cannot_be_compressed(map_: Map, tmp_path: Path) -> None:
-    """A Gaussian so large that the others would vanish beside it."""
-    scales = map_.scene.scales.copy()
-    scales[0] = 1e14
-    with pytest.raises(OutputError, match="save it plain"):
-        save_map(
-            replace(map_, scene=replace(map_.scene, scales=scales)), tmp_path / "a", compress=True
-        )
-    assert list(tmp_path.iterdir()) == []
+def with_values(map_: Map, rows: object, **values: object) -> Map:
+    """The map with other values of some Gaussians."""
+    scene = map_.scene
+    changed = {}
+    for name, value in values.items():
+        changed[name] = getattr(scene, name).copy()
+        changed[name][rows] = value
+    return replace(map_, scene=replace(scene, **changed))
+
+
+OUTLIERS: dict[str, tuple[dict[str, Any], str]] = {
+    "far": ({"means": (1e6, 0.0, -3e5)}, "1 far away"),
+    "very far": ({"means": (0.0, 9e14, 0.0)}, "1 far away"),
+    "huge": ({"scales": (1e14, 1e5, 1e6)}, "1 huge"),
+    "bright": ({"sh": 50.0}, "1 of extreme colours"),
+    "far and huge": ({"means": 1e8, "scales": 1e8}, "1 far away"),
+}
+
+
+@pytest.mark.parametrize("kind", OUTLIERS)
+def test_one_outlier_costs_the_others_nothing(
+    kind: str, map_: Map, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is kept apart, exactly, and a warning says so."""
+    values, says = OUTLIERS[kind]
+    save_map(with_values(map_, 3, **values), tmp_path / "a", compress=True)
+    assert "1 of 30 Gaussians are kept as they are" in caplog.text
+    assert says in caplog.text
+    opened = open_map(tmp_path / "a")
+    others = [i for i in range(30) if i != 3]
+    assert_almost_same(
+        replace(opened, scene=opened.scene.taken(np.arange(29))),
+        replace(map_, scene=map_.scene.taken(np.array(others))),
+    )
+    for name in ("means", "quaternions", "scales", "opacities", "sh"):
+        expected = values.get(name, getattr(map_.scene, name)[3])
+        last = getattr(opened.scene, name)[29]
+        np.testing.assert_array_equal(last, np.broadcast_to(expected, last.shape).astype("f4"))
+
+
+def test_usual_scenes_have_no_outliers(map_: Map, caplog: pytest.LogCaptureFixture) -> None:
+    """Not even where distances and sizes differ ten thousandfold."""
+    rng = np.random.default_rng(0)
+    size = np.exp(rng.uniform(np.log(1e-3), np.log(10.0), (500, 1))).astype(np.float32)
+    scene = random_scene(rng, 500, 3)
+    scene = replace(scene, means=scene.means * 100 * size, scales=scene.scales * size)
+    assert not outliers(scene, colours=True).rows.any()
+
+
+def test_scenes_that_cannot_be_compressed(
+    map_: Map, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """Many far or huge Gaussians are no outliers: the map is refused rather than spoilt."""
+    map_ = replace(map_, scene=random_scene(rng, 200, 0))
+    cases: tuple[tuple[dict[str, Any], str], ...] = (
+        ({"scales": 1e14}, "do not fit|smaller than|of another size"),
+        ({"means": rng.uniform(-1e9, 1e9, (100, 3))}, "moved by more than half their size"),
+        ({"sh": 50.0}, "of another colour"),
+    )
+    for values, says in cases:
+        with pytest.raises(OutputError, match=f"({says}).*save it plain"):
+            save_map(with_values(map_, slice(0, 100), **values), tmp_path / "a", compress=True)
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_written_is_read_back(
+    map_: Map, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A converter that spoils the splat does not go unnoticed."""
+    encode = encode_spz
+
+    def spoilt(scene: GaussianScene, exponent: int) -> bytes:
+        return encode(replace(scene, means=scene.means[:, ::-1].copy()), exponent)
+
+    monkeypatch.setattr(compression, "encode_spz", spoilt)
+    with pytest.raises(OutputError, match="moved by more than half their size"):
+        save_map(map_, tmp_path / "a", compress=True)
+
+
+@pytest.mark.parametrize("apart", ['"!"', '"AAAA"', "3", "null"])
+def test_damaged_gaussians_apart(apart: str, folder: Path) -> None:
+    rest = json.loads((folder / "gaussians.json").read_text())
+    rewrite(folder, "gaussians.json", json.dumps({**rest, "apart": json.loads(apart)}).encode())
+    with pytest.raises(MapError, match="damaged"):
+        open_map(folder)
 
 
 def test_without_gaussforge_the_remedy_is_named(

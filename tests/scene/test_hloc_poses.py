@@ -80,6 +80,56 @@ def test_comments_blank_lines_and_an_eighth_number(tmp_path: Path) -> None:
     np.testing.assert_array_equal(poses["a.png"], np.eye(4))
 
 
+@pytest.mark.parametrize("more", ["", " 525.505", " 0.1 0.2"])
+@pytest.mark.parametrize(
+    "name", ["my photo.png", "my  old photo.png", "photo 1.png", '"quoted".png']
+)
+def test_names_with_blanks(name: str, more: str, tmp_path: Path) -> None:
+    """The numbers are found from the end."""
+    path = tmp_path / "poses.txt"
+    path.write_text(f"{name} {IDENTITY}{more}\n{name}2 {IDENTITY}\n")
+    assert list(read_poses(path)) == [name, f"{name}2"]
+
+
+@pytest.mark.parametrize("name", ["photo 1", "IMG 2020 01 05"])
+def test_names_that_end_in_a_number(name: str, tmp_path: Path) -> None:
+    """The quaternion of unit length tells where the name ends."""
+    path = tmp_path / "poses.txt"
+    path.write_text(f"{name} 0.6 0.8 0 0 7 8 9\n")
+    ((found, pose),) = read_poses(path).items()
+    assert found == name
+    np.testing.assert_array_equal(pose[:3, 3], [7, 8, 9])
+    path.write_text("photo.png 0.6 0.8 0 0 7 8 9 525\n")
+    ((found, pose),) = read_poses(path).items()
+    assert found == "photo.png"
+    np.testing.assert_array_equal(pose[:3, 3], [7, 8, 9])
+
+
+@given(st.text(st.characters(codec="utf-8"), min_size=1, max_size=12), tangents)
+def test_any_name_comes_back(
+    tmp_path_factory: pytest.TempPathFactory, name: str, xi: NDArray[np.float64]
+) -> None:
+    """Blanks, quotes, numbers, what looks like a comment; only line breaks cannot be held."""
+    path = tmp_path_factory.mktemp("poses") / "poses.txt"
+    detail = {"name": name, "status": "localized", "cam_from_world": format_pose(se3.exp(xi))}
+    if len(f"{name}.".splitlines()) > 1:
+        with pytest.raises(OutputError, match="cannot be in a text file of poses"):
+            write_poses([detail], path, "final")
+        return
+    write_poses([detail], path, "final")
+    ((found, pose),) = read_poses(path).items()
+    assert found == name
+    np.testing.assert_allclose(pose, se3.exp(xi), atol=2e-9)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
+def test_other_encodings(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    mark = "\ufeff" if encoding.endswith("be") else ""
+    path.write_bytes(f"{mark}büro.png {IDENTITY}\r\n".encode(encoding))
+    assert list(read_poses(path)) == ["büro.png"]
+
+
 def test_an_empty_file_holds_no_poses(tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text("# nobody was localized\n")
     assert read_poses(tmp_path / "poses.txt") == {}
@@ -96,7 +146,9 @@ def test_an_empty_file_holds_no_poses(tmp_path: Path) -> None:
         "b.png nan 0 0 0 0 0 0",
         "b.png 0 0 0 0 0 0 0",
         f"a.png {IDENTITY}",
-        f"my photo.png {IDENTITY} 525",
+        f"my photo.png {IDENTITY} 525 7 7",
+        f'"my photo.png" {IDENTITY} 525 7 7',
+        f'"my photo.png"x {IDENTITY[:-2]}',
     ],
 )
 def test_bad_lines_are_named(line: str, tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ def test_nonsense_with_a_right_checksum(name: str, data: bytes, folder: Path) ->
     "change",
     [
         {"name": None, "camera": 5},
-        {"camera": "FISHEYE 640 480 1 1 1 1"},
+        {"camera": "FOV 640 480 1 1 1 1 1"},
         {"cam_from_world": [[1, 0], [0, 1]]},
         {"cam_from_world": np.diag([2.0, 1.0, 1.0, 1.0]).tolist()},
         {"cam_from_world": "identity"},

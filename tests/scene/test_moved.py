@@ -9,7 +9,7 @@ from helpers import random_pose, random_rotation, random_scene, simple_camera
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.render import Renderer
 from gscpe.scene import References
-from gscpe.scene.moved import move_references, move_scene, sh_rotation
+from gscpe.scene.moved import move_references, move_scene
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -36,15 +36,3 @@ def test_there_and_back_again() -> None:
     np.testing.assert_allclose(back.means, scene.means, atol=1e-5)
     np.testing.assert_allclose(back.scales, scene.scales, rtol=1e-5)
     np.testing.assert_allclose(back.sh, scene.sh, atol=1e-5)
-
-
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_harmonics_turn_as_rotations_do(degree: int) -> None:
-    rng = np.random.default_rng(degree)
-    a, b = random_rotation(rng), random_rotation(rng)
-    np.testing.assert_allclose(
-        sh_rotation(a @ b, degree), sh_rotation(a, degree) @ sh_rotation(b, degree), atol=1e-10
-    )
-    np.testing.assert_allclose(
-        sh_rotation(a, degree) @ sh_rotation(a, degree).T, np.eye(2 * degree + 1), atol=1e-10
-    )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gscpe.errors import CameraError, OutputError, PhotoError
 from gscpe.scene import read_image, to_photo
-from gscpe.scene.photo import write_image
+from gscpe.scene.image_file import write_image
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_other_pixel_formats_become_rgb(tmp_path: Path, picture: NDArray[np.uint
     path = str(tmp_path / "a.png")
     cv2.imwrite(path, picture[:, :, 0])
     np.testing.assert_array_equal(read_image(path), np.repeat(picture[:, :, :1], 3, axis=2))
-    cv2.imwrite(path, np.dstack([picture, np.full((47, 61), 9, np.uint8)]))
+    cv2.imwrite(path, np.dstack([picture, np.full((47, 61), 200, np.uint8)]))
     np.testing.assert_array_equal(read_image(path), picture[:, :, ::-1])
     cv2.imwrite(path, picture.astype(np.uint16) * 257)
     np.testing.assert_array_equal(read_image(path), picture[:, :, ::-1])
@@ -153,7 +153,7 @@ def test_a_pinhole_photo_is_taken_as_it_is(picture: NDArray[np.uint8]) -> None:
     [
         np.zeros((47, 61, 3), np.float32),
         np.zeros((47, 61, 3), np.uint16),
-        np.zeros((47, 61, 4), np.uint8),
+        np.zeros((47, 61, 5), np.uint8),
         np.zeros((47, 61, 1), np.uint8),
         np.zeros((1, 47, 61, 3), np.uint8),
         np.zeros(61, np.uint8),

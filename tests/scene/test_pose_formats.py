@@ -21,6 +21,7 @@ from gscpe.scene.poses import (
     format_of_path,
     poses_by_name,
     read_pose_file,
+    write_colmap_folder,
     write_pose_file,
 )
 
@@ -73,6 +74,65 @@ def test_frames_and_order(kind: PoseFormat) -> None:
     text = LINES[kind]
     assert detect_format(text, "f") == kind
     assert detect_format(f"\n  \n{'' if kind == 'json' else '# comment'}\n{text}", "f") == kind
+
+
+@pytest.mark.parametrize("kind", ["hloc", "pgt", "json"])
+def test_names_with_blanks_are_read_back(kind: PoseFormat, poses: Poses, tmp_path: Path) -> None:
+    names = ("my photo.png", "photo 1", "a  b.png", '"q".png', "büro 2.jpg", "7 8.png")
+    named = dict(zip(names, poses.values(), strict=False))
+    cameras = dict.fromkeys(named, simple_camera())
+    for first in names:  # the form is told by the first line
+        order = {first: named[first], **named}
+        write_pose_file(tmp_path / "poses", order, kind, cameras)
+        again = read_pose_file(tmp_path / "poses")
+        assert again.format == kind
+        assert list(again.poses) == list(order)
+        for name, pose in order.items():
+            np.testing.assert_allclose(again.poses[name], pose, rtol=0, atol=1e-9)
+
+
+def test_colmap_names_with_blanks_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "images.txt"
+    path.write_text("1 1 0 0 0 1 2 3 1 my photo 1.png\n1 2 -1\n2 1 0 0 0 4 5 6 1 b 7\n\n")
+    found = read_pose_file(path)
+    assert (found.format, list(found.poses)) == ("colmap", ["my photo 1.png", "b 7"])
+
+
+@pytest.mark.parametrize("output", ["model", "model/images.txt"])
+def test_pycolmap_opens_what_is_converted(
+    output: str, poses: Poses, cameras: dict[str, Camera], tmp_path: Path
+) -> None:
+    """The whole model: cameras, images, points3D; names with blanks where it is binary."""
+    pycolmap = pytest.importorskip("pycolmap")
+    if output == "model":
+        poses = {name.replace("frame-", "my frame "): pose for name, pose in poses.items()}
+    bent = Camera.from_colmap("RADIAL", 64, 48, [55, 32, 24, -0.1, 0.02])
+    named = dict(zip(poses, [*list(cameras.values())[:-1], bent], strict=True))
+    lines = [f"{name} {camera.colmap_text()}\n" for name, camera in named.items()]
+    (tmp_path / "queries.txt").write_text("".join(lines))
+    write_pose_file(tmp_path / "poses.txt", poses, "hloc")
+    paths = [str(tmp_path / name) for name in ("poses.txt", output)]
+    assert main(["convert-poses", *paths, "--queries", str(tmp_path / "queries.txt")]) == 0
+    model = pycolmap.Reconstruction(str(tmp_path / "model"))
+    assert {image.name for image in model.images.values()} == set(poses)
+    assert len(model.cameras) == 3
+    for image in model.images.values():
+        found = image.cam_from_world().matrix()
+        np.testing.assert_allclose(found, poses[image.name][:3], atol=2e-9)
+        camera = model.cameras[image.camera_id]
+        words = [camera.model.name, str(camera.width), str(camera.height)]
+        ours = Camera.parse(" ".join([*words, *map(repr, map(float, camera.params))]))
+        assert ours == named[image.name]
+
+
+def test_a_colmap_folder_needs_cameras_and_no_rigs(
+    poses: Poses, cameras: dict[str, Camera], tmp_path: Path
+) -> None:
+    with pytest.raises(PoseError, match="needs the cameras"):
+        write_colmap_folder(tmp_path / "model", poses, None)
+    (tmp_path / "frames.bin").touch()
+    with pytest.raises(OutputError, match=r"another COLMAP model with frames\.bin"):
+        write_colmap_folder(tmp_path, poses, cameras)
 
 
 def test_tum_against_scipy(poses: Poses, tmp_path: Path) -> None:
@@ -207,15 +267,19 @@ def test_what_a_form_cannot_hold(poses: Poses, tmp_path: Path) -> None:
     path, pose = tmp_path / "poses", np.eye(4)
     write_pose_file(path, {"my photo.png": pose}, "json")
     assert list(read_pose_file(path).poses) == ["my photo.png"]
-    for kind in ("hloc", "pgt", "colmap", "tum"):
-        with pytest.raises(PoseError, match="blanks in its name"):
-            write_pose_file(path, {"my photo.png": pose}, kind)
+    with pytest.raises(PoseError, match=r"blanks in its name.*give a folder"):
+        write_pose_file(path, {"my photo.png": pose}, "colmap")
+    lines: tuple[PoseFormat, ...] = ("hloc", "pgt")
+    for kind in lines:
+        with pytest.raises(OutputError, match="cannot be in a text file"):
+            write_pose_file(path, {"a\nb.png": pose}, kind, {"a\nb.png": simple_camera()})
     with pytest.raises(PoseError, match=r"needs the focal length of a\.png"):
         write_pose_file(path, {"a.png": pose}, "pgt")
     wide = Camera.pinhole(64, 48, fx=50, fy=60, cx=32, cy=24)
     with pytest.raises(PoseError, match="50 and 60"):
         write_pose_file(path, {"a.png": pose}, "pgt", {"a.png": wide})
-    for kind in ("colmap", "tum"):
+    others: tuple[PoseFormat, ...] = ("colmap", "tum")
+    for kind in others:
         with pytest.raises(PoseError, match=r"a\.png has a pose, but"):
             write_pose_file(path, {"a.png": pose}, kind, {"b.png": wide})
     with pytest.raises(OutputError, match="cannot be written"):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gscpe.errors import QueryListError
 from gscpe.geometry import Camera
-from gscpe.scene.query_list import Query, read_query_list
+from gscpe.scene import write_image
+from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 
 GOOD = "PINHOLE 640 480 525.505 525.505 320 240"
 
@@ -58,14 +60,15 @@ def test_models_comments_and_blanks(tmp_path: Path) -> None:
         "b.png PINHOLE 640 480",
         "b.png PINHOLE 640 480 525 525 320",
         "b.png PINHOLE 640 480 525 525 320 240 0",
-        "b.png FISHEYE 640 480 525 525 320 240",
+        "b.png FOV 640 480 525 525 320 240 1",
         "b.png PINHOLE 640.5 480 525 525 320 240",
         "b.png PINHOLE wide 480 525 525 320 240",
         "b.png PINHOLE 640 480 -525 525 320 240",
         "b.png PINHOLE 640 480 nan 525 320 240",
         "b.png PINHOLE 0 480 525 525 320 240",
         f"a.png {GOOD}",
-        f"my photo.png {GOOD}",
+        "my photo.png PINHOLE wide 480 525 525 320 240",
+        GOOD,
     ],
 )
 def test_bad_lines_are_named(line: str, tmp_path: Path) -> None:
@@ -80,6 +83,97 @@ def test_tabs_separate_too(tmp_path: Path) -> None:
     path = tmp_path / "queries.txt"
     path.write_text("a.png\t" + GOOD.replace(" ", "\t") + "\n")
     assert read_query_list(path)[0].name == "a.png"
+
+
+WANTED = Camera.pinhole(640, 480, fx=525.505, fy=525.505, cx=320, cy=240)
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        (f"my photo.png {GOOD}", "my photo.png"),
+        (f"my  old PINHOLE 7.png {GOOD}", "my  old PINHOLE 7.png"),
+        (f'"my photo.png" {GOOD}', "my photo.png"),
+        (f'"the ""best"" photo", {GOOD}', 'the "best" photo'),
+        (f"photo 1 {GOOD}", "photo 1"),
+        (f"a.png {GOOD},", "a.png"),
+        (f"a.png,{GOOD.replace(' ', ',')},,", "a.png"),
+        (f"a.png, {GOOD.replace(' ', ', ')}", "a.png"),
+        (f"a,b.png {GOOD}", "a,b.png"),
+        ("a.png PINHOLE 640.0 480.0 525.505 525.505 320 240", "a.png"),
+        (f"a.png {GOOD.replace('PIN', 'pin')}", "a.png"),
+        (rf"seq\my photo.png {GOOD}", "seq/my photo.png"),
+    ],
+)
+def test_lists_as_they_come(line: str, name: str, tmp_path: Path) -> None:
+    path = tmp_path / "queries.txt"
+    path.write_text(f"{line}\nlast.png {GOOD}\n")
+    assert read_query_list(path) == (Query(name, WANTED), Query("last.png", WANTED))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
+def test_other_encodings(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "queries.txt"
+    mark = "\ufeff" if encoding.endswith("be") else ""
+    path.write_bytes(f"{mark}büro.png {GOOD}\r\n".encode(encoding))
+    assert read_query_list(path) == (Query("büro.png", WANTED),)
+
+
+def test_names_alone(tmp_path: Path) -> None:
+    """With one camera for all, which a line's own one comes before."""
+    path = tmp_path / "names.txt"
+    path.write_text('a.png\nmy photo.png,\n\n"b c.png"\nd.png PINHOLE 64 48 50 50 32 24\n')
+    *alone, own = read_query_list(path, WANTED)
+    assert alone == [Query(name, WANTED) for name in ("a.png", "my photo.png", "b c.png")]
+    assert (own.name, own.camera.width) == ("d.png", 64)
+    with pytest.raises(QueryListError, match=r"line 1: .*names alone need one camera.*--camera"):
+        read_query_list(path)
+
+
+def test_backslashes_of_a_photo_that_has_them(tmp_path: Path) -> None:
+    path = tmp_path / "names.txt"
+    path.write_text("a\\b.png\nc\\d.png\n")
+    try:
+        (tmp_path / "a\\b.png").touch()
+    except OSError:
+        pytest.skip("this system cannot")
+    names = [query.name for query in read_query_list(path, WANTED, tmp_path)]
+    assert names == ["a\\b.png" if (tmp_path / "a\\b.png").is_file() else "a/b.png", "c/d.png"]
+
+
+def test_a_folder_of_photos(tmp_path: Path) -> None:
+    for name in ("b.png", "sub/my photo.JPG", "a.jpeg", "notes.txt", "sub/depth.npy"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    names = ["a.jpeg", "b.png", "sub/my photo.JPG"]
+    assert folder_queries(tmp_path, WANTED) == tuple(Query(name, WANTED) for name in names)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(QueryListError, match="empty holds no photos"):
+        folder_queries(tmp_path / "empty", WANTED)
+
+
+def test_photos_of_half_the_size(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Cameras are scaled where all photos agree; a photo that cannot be read has no say."""
+    for name in ("a.png", "b.png"):
+        write_image(tmp_path / name, np.zeros((240, 320, 3), np.uint8))
+    queries = [Query(name, WANTED) for name in ("a.png", "absent.png", "b.png")]
+    half = Camera.pinhole(320, 240, fx=262.7525, fy=262.7525, cx=160, cy=120)
+    assert fit_queries(queries, tmp_path) == (
+        Query("a.png", half),
+        Query("absent.png", WANTED),
+        Query("b.png", half),
+    )
+    (warning,) = caplog.messages
+    assert "0.5 times as large" in warning
+    assert "a.png, is 320x240, not 640x480" in warning
+    caplog.clear()
+    for shape in ((480, 640, 3), (120, 160, 3), (320, 240, 3), (240, 319, 3)):
+        write_image(tmp_path / "b.png", np.zeros(shape, np.uint8))
+        fitted = fit_queries(queries, tmp_path)
+        if shape == (240, 319, 3):  # a pixel of rounding
+            assert fitted[2].camera == queries[2].camera.resized(319, 240)
+        else:
+            assert fitted == tuple(queries)
 
 
 @pytest.mark.parametrize("content", ["", "\n\n", "# only a comment\n"])

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import gzip
 import logging
 import warnings
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import random_scene, splat_columns, splat_header, splat_table, write_splat, write_table
 
+from gscpe import scene as scene_io
 from gscpe.errors import SplatError
 from gscpe.scene import GaussianScene, read_splat
 
@@ -166,7 +170,7 @@ def test_no_gaussians(encoding: str, path: Path) -> None:
     assert_refused(path, "empty")
 
 
-@pytest.mark.parametrize("column", ["opacity", "scale_2", "rot_0", "f_dc_1"])
+@pytest.mark.parametrize("column", ["opacity", "scale_1", "rot_0", "f_dc_1"])
 def test_a_missing_column(column: str, path: Path, scene: GaussianScene) -> None:
     keep = [i for i, name in enumerate(splat_columns(1)) if name != column]
     write_table(path, [splat_columns(1)[i] for i in keep], splat_table(scene)[:, keep])
@@ -187,23 +191,170 @@ NOT_FINITE = [
 ]
 
 
+def assert_left_out(
+    path: Path, rows: list[int], scene: GaussianScene, caplog: pytest.LogCaptureFixture, *words: str
+) -> None:
+    """All but these rows come back, and a warning counts them and says these words."""
+    with caplog.at_level(logging.WARNING):
+        again = read_splat(path)
+    assert_valid(again)
+    np.testing.assert_array_equal(again.means, np.delete(scene.means, rows, axis=0))
+    for word in (str(path), f"{len(rows)} of {len(scene)} Gaussians are left out", *words):
+        assert word in caplog.text
+
+
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize(("column", "value"), [*NOT_FINITE, ("opacity", np.nan)])
-def test_values_that_are_not_finite(
-    column: str, value: float, encoding: str, path: Path, scene: GaussianScene
+def test_a_row_that_is_not_finite_is_left_out(
+    column: str,
+    value: float,
+    encoding: str,
+    path: Path,
+    scene: GaussianScene,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     table = splat_table(scene)
     table[7, splat_columns(1).index(column)] = value
     write_table(path, splat_columns(1), table, encoding=encoding)
-    is_flat = column == "scale_1" and value < 0  # exp(-inf) = 0
-    assert_refused(path, "scales must be positive" if is_flat else "1 of 20 Gaussians have NaN")
+    if column == "scale_1" and value < 0:  # exp(-inf) = 0: flat, not damaged
+        assert_valid(read_splat(path))
+        return
+    assert_left_out(path, [7], scene, caplog, "1 hold NaN or infinite values")
 
 
-def test_scales_beyond_single_precision(path: Path, scene: GaussianScene) -> None:
+def test_rows_of_zeros_are_left_out(
+    path: Path, scene: GaussianScene, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Grey balls of a unit's size at the origin, otherwise; a zero quaternion alone is none."""
     table = splat_table(scene)
-    table[7, splat_columns(1).index("scale_0")] = 100.0
+    table[3:6] = 0.0
+    table[8, -4:] = 0.0
     write_table(path, splat_columns(1), table)
-    assert_refused(path, "infinite scales")
+    assert_left_out(path, [3, 4, 5], scene, caplog, "3 are all zeros")
+
+
+def test_rows_of_zeros_far_from_the_origin(
+    path: Path, scene: GaussianScene, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Zero in the file, where no Gaussian is, and not relative to the scene's origin."""
+    origin = np.array([5e5, 5.4e6, 0.0])
+    scene_io.write_splat(replace(scene, origin=origin), path)
+    table = np.frombuffer(path.read_bytes().split(b"end_header\n", 1)[1], np.uint8).reshape(20, -1)
+    spoilt = table.copy()
+    spoilt[4:6] = 0
+    path.write_bytes(path.read_bytes().replace(table.tobytes(), spoilt.tobytes()))
+    with caplog.at_level(logging.WARNING):
+        again = read_splat(path)
+    assert "2 of 20 Gaussians are left out: 2 are all zeros" in caplog.text
+    world = np.delete(scene.means, [4, 5], axis=0) + origin
+    np.testing.assert_allclose(again.means + again.origin, world, atol=1e-6)
+
+
+def test_absurd_values_are_left_out(
+    path: Path, scene: GaussianScene, caplog: pytest.LogCaptureFixture
+) -> None:
+    table = splat_table(scene)
+    table[7, splat_columns(1).index("scale_0")] = 100.0  # beyond single precision
+    table[8, splat_columns(1).index("y")] = -3e15
+    write_table(path, splat_columns(1), table)
+    assert_left_out(path, [7, 8], scene, caplog, "1 hold NaN or inf", "1 hold values beyond 1e+15")
+
+
+@pytest.mark.parametrize("bad", [11, 20])
+@pytest.mark.parametrize("value", [np.nan, 0.0])
+def test_mostly_bad_rows_are_refused(
+    value: float, bad: int, path: Path, scene: GaussianScene
+) -> None:
+    table = splat_table(scene)
+    table[:bad] = value
+    write_table(path, splat_columns(1), table)
+    assert_refused(path, f"{bad} of 20 Gaussians cannot be used", "damaged")
+
+
+def test_flat_gaussians_get_a_little_thickness(
+    path: Path, scene: GaussianScene, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A log scale of -inf, or of too little for float32; without any size, it is left out."""
+    table = splat_table(scene)
+    first = splat_columns(1).index("scale_0")
+    table[2, first + 1] = -np.inf
+    table[4, first : first + 2] = -np.inf, -200.0
+    table[6, first : first + 3] = -np.inf
+    write_table(path, splat_columns(1), table)
+    assert_left_out(path, [6], scene, caplog, "1 have no size", "2 of 20 Gaussians are flat")
+    again = read_splat(path)
+    thin = 1e-3 * np.delete(scene.scales[2], 1).min()
+    np.testing.assert_allclose(again.scales[2, 1], thin, rtol=1e-5)
+    np.testing.assert_allclose(again.scales[4, :2], 1e-3 * scene.scales[4, 2], rtol=1e-5)
+    untouched = [i for i in range(20) if i not in (2, 4, 6)]
+    kept = [i - (i > 6) for i in untouched]
+    np.testing.assert_allclose(again.scales[kept], scene.scales[untouched], rtol=1e-5)
+
+
+def test_surfels_of_two_scales(
+    path: Path, scene: GaussianScene, caplog: pytest.LogCaptureFixture
+) -> None:
+    """2D Gaussian Splatting: flat along the third axis."""
+    columns = splat_columns(1)
+    keep = [i for i, name in enumerate(columns) if name != "scale_2"]
+    write_table(path, [columns[i] for i in keep], splat_table(scene)[:, keep])
+    with caplog.at_level(logging.WARNING):
+        again = read_splat(path)
+    assert "2D Gaussian Splatting" in caplog.text
+    assert_valid(again)
+    np.testing.assert_allclose(again.scales[:, :2], scene.scales[:, :2], rtol=1e-6)
+    thin = 1e-3 * scene.scales[:, :2].min(axis=1)
+    np.testing.assert_allclose(again.scales[:, 2], thin, rtol=1e-5)
+
+
+@pytest.mark.parametrize("degree", [4, 5])
+def test_harmonics_beyond_degree_3_are_cut(
+    degree: int, path: Path, rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    scene = random_scene(rng, 20, 3)
+    rest = (degree + 1) ** 2 - 1
+    table, columns = splat_table(scene), splat_columns(degree)
+    wide = rng.normal(size=(20, 3, rest)).astype(np.float32)  # colour by colour
+    wide[:, :, :15] = table[:, 9:54].reshape(20, 3, 15)
+    wide_table = np.concatenate([table[:, :9], wide.reshape(20, -1), table[:, 54:]], axis=1)
+    write_table(path, columns, wide_table)
+    with caplog.at_level(logging.WARNING):
+        again = read_splat(path)
+    assert f"degree {degree} are cut to degree 3" in caplog.text
+    np.testing.assert_array_equal(again.sh, scene.sh)
+
+
+@pytest.mark.parametrize("name", ["a.splat", "a.spz", "a.sog", "a.txt", "a"])
+def test_a_ply_under_another_ending(name: str, path: Path, scene: GaussianScene) -> None:
+    write_splat(path.with_name(name), scene)
+    np.testing.assert_array_equal(read_splat(path.with_name(name)).means, scene.means)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "remedy"),
+    [
+        ("a.lcc", b"{}", "give the splat's file"),
+        ("a.lcc", b"\x01binary", "npx @playcanvas/splat-transform"),
+        ("a.ckpt", b"\x80\x02", "ns-export"),
+        ("a.glb", b"glTF\x02", "export a .ply"),
+        ("a.xyz", b"1 2 3", "splat-transform"),
+        ("a.gz", gzip.compress(b"ply\nformat ascii 1.0\n"), "gunzip"),
+    ],
+)
+def test_other_files_are_told_what_converts_them(
+    name: str, content: bytes, remedy: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert_refused(tmp_path / name, remedy)
+
+
+@pytest.mark.parametrize(
+    ("inner", "remedy"), [("archive/data.pkl", "ns-export"), ("scene.ply", "unpack it")]
+)
+def test_zip_archives(inner: str, remedy: str, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr(inner, "x")
+    assert_refused(tmp_path / "a.zip", remedy)
 
 
 @pytest.mark.parametrize("claimed", [19, 21, 10**9, 10**15, -1])

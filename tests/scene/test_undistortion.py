@@ -19,6 +19,12 @@ CAMERAS = {
     "rational": Camera(
         WIDTH, HEIGHT, *FOCAL, (-0.2, 0.03, 0.006, -0.008, 0.01, 0.02, -0.01, 0.005)
     ),
+    "fisheye": Camera(
+        WIDTH, HEIGHT, *FOCAL, (0.05, -0.03, 0.0, 0.0, 0.01, 0.002, 0.0, 0.0), fisheye=True
+    ),
+    "thin prism": Camera(
+        WIDTH, HEIGHT, *FOCAL, (-0.04, 0.02, 0.006, -0.008, 0.01, 0.0, 0.01, -0.005), fisheye=True
+    ),
 }
 WINDOW = 6
 

@@ -168,11 +168,26 @@ def test_the_header_of_an_spz(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda s: replace(s, means=s.means * np.float32(1e7)), "scale the scene down"),
-        (lambda s: replace(s, means=s.means * np.float32(1e14)), "scale the scene down"),
-        (lambda s: replace(s, scales=s.scales * np.float32(1e4)), "scale the scene down"),
-        (lambda s: replace(s, scales=s.scales * np.float32(1e14)), "scale the scene down"),
-        (lambda s: replace(s, scales=s.scales * np.float32(1e-5)), "scale the scene up"),
+        (
+            lambda s: replace(s, means=s.means * np.float32(1e7)),
+            "holds up to .*write a .ply, or scale",
+        ),
+        (
+            lambda s: replace(s, means=s.means * np.float32(1e14)),
+            "holds up to .*write a .ply, or scale",
+        ),
+        (
+            lambda s: replace(s, scales=s.scales * np.float32(1e4)),
+            "holds up to .*write a .ply, or scale",
+        ),
+        (
+            lambda s: replace(s, scales=s.scales * np.float32(1e14)),
+            "holds up to .*write a .ply, or scale",
+        ),
+        (
+            lambda s: replace(s, scales=s.scales * np.float32(1e-5)),
+            "the least that .spz holds; write a .ply",
+        ),
     ],
 )
 def test_scenes_beyond_the_range_of_spz(
@@ -197,6 +212,23 @@ def test_thin_axes_and_a_few_specks_are_clipped(tmp_path: Path, rng: np.random.G
     back = read_splat(tmp_path / "a.spz").scales
     np.testing.assert_allclose(back[:, 2], np.exp(-10.0), rtol=1e-5)
     np.testing.assert_allclose(np.delete(back, 7, 0)[:, :2], np.delete(scales, 7, 0)[:, :2], 0.032)
+
+
+@needs_gaussforge
+@pytest.mark.parametrize("values", [{"means": 1e6}, {"scales": 1e4}])
+def test_a_far_or_huge_gaussian_is_left_out_of_an_spz(
+    values: dict[str, float],
+    tmp_path: Path,
+    rng: np.random.Generator,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    scene = random_scene(rng, 200, 0, scale=(0.005, 0.01))
+    for name, value in values.items():
+        getattr(scene, name)[5] = value
+    write_splat(scene, tmp_path / "a.spz")
+    assert "1 of 200 Gaussians are left out of the .spz" in caplog.text
+    back = read_splat(tmp_path / "a.spz")
+    np.testing.assert_allclose(back.means, np.delete(scene.means, 5, axis=0), atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["a.splat", "a", "a.ply.gz", "a.sog"])

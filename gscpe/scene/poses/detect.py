@@ -8,7 +8,8 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
-from gscpe.scene.poses.hloc import is_number, pose_lines
+from gscpe.scene.photo_name import is_number
+from gscpe.scene.poses.hloc import pose_lines, split_pose_line
 
 PoseFormat = Literal["hloc", "pgt", "colmap", "tum", "json"]
 """``hloc``: name, quaternion, translation; ``pgt``: the same with a focal length, 7-Scenes'
@@ -34,39 +35,38 @@ def detect_format(text: str, source: str) -> PoseFormat:
     """
     if text.lstrip().startswith(("{", "[")):
         return "json"
-    lines = [(number, line.split()) for number, line in pose_lines(text)]
+    lines = list(pose_lines(text))
     if not lines:
         return "hloc"
-    number, words = lines[0]
-    fits = [kind for kind in POSE_FORMATS if _fits(kind, words)]
+    number, line = lines[0]
+    fits = [kind for kind in POSE_FORMATS if _fits(kind, line)]
     if not fits:
-        raise PoseError(
-            f"{source}, line {number}: expected {_EXPECTED}; got {' '.join(words)[:60]!r}"
-        )
+        raise PoseError(f"{source}, line {number}: expected {_EXPECTED}; got {line[:60]!r}")
     if fits == ["hloc", "tum"]:
-        rows = [words for _, words in lines if _fits("tum", words)]
+        rows = [line.split() for _, line in lines if _fits("tum", line)]
         numbers = np.array([[float(word) for word in row] for row in rows])
         hloc, tum = _of_unit_length(numbers[:, 1:5]), _of_unit_length(numbers[:, 4:])
         if hloc != tum:
             return "hloc" if hloc > tum else "tum"
     if len(fits) > 1:
         raise PoseError(
-            f"{source}, line {number}: {' '.join(words)[:60]!r} may be of the form "
+            f"{source}, line {number}: {line[:60]!r} may be of the form "
             f"{' or '.join(fits)}; say which (gscpe convert-poses --from {fits[0]})"
         )
     return fits[0]
 
 
-def _fits(kind: PoseFormat, words: Sequence[str]) -> bool:
-    count = len(words)
+def _fits(kind: PoseFormat, line: str) -> bool:
+    if kind == "json":
+        return False
+    words = line.split()
     if kind == "colmap":
-        whole = count == 10 and words[0].isdecimal() and words[8].isdecimal()
+        whole = len(words) >= 10 and words[0].isdecimal() and words[8].isdecimal()
         return whole and _all_numbers(words[1:8])
     if kind == "tum":
-        return count == 8 and _all_numbers(words)
-    if kind == "pgt":
-        return count == 9 and _all_numbers(words[1:])
-    return kind == "hloc" and count in (8, 10) and _all_numbers(words[1:])
+        return len(words) == 8 and _all_numbers(words)
+    parts = split_pose_line(line)
+    return parts is not None and len(parts[1]) in ((8,) if kind == "pgt" else (7, 9))
 
 
 def _all_numbers(words: Sequence[str]) -> bool:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Mapping
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, short_repr
 from gscpe.errors import OutputError, PoseError
 from gscpe.geometry.camera import Camera
+from gscpe.scene.photo_name import quoted_name
 from gscpe.scene.poses.colmap_images import format_colmap_images, parse_colmap_images
 from gscpe.scene.poses.detect import PoseFormat, detect_format
 from gscpe.scene.poses.hloc import format_pose, parse_poses, read_pose_text
@@ -35,6 +36,9 @@ class PoseFile:
     poses: dict[str, Float64Array]
     cameras: dict[str, Camera] = field(default_factory=dict)
     not_finite: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def read_pose_file(
@@ -82,14 +86,10 @@ def write_pose_file(
             numbers, their positions, which are counted in ``poses`` if this is None.
 
     Raises:
-        PoseError: the form cannot hold what is given: a name with blanks, a photo without a
-            camera or, for ``pgt``, with two focal lengths.
+        PoseError: the form cannot hold what is given: for ``colmap`` a name with blanks, a
+            photo without a camera or, for ``pgt``, with two focal lengths.
         OutputError: the file cannot be written.
     """
-    if format != "json":
-        blank = [name for name in poses if not name or name.split() != [name]]
-        if blank:
-            raise PoseError(f"photo {blank[0]!r} has blanks in its name; only json can hold it")
     if format == "json":
         text = format_json_poses(poses, cameras)
     elif format == "tum":
@@ -98,11 +98,11 @@ def write_pose_file(
         text = format_colmap_images(poses, cameras)
     elif format == "pgt":
         text = "".join(
-            f"{name} {format_pose(pose)} {_focal_length(name, cameras or {}):.12g}\n"
+            f"{quoted_name(name)} {format_pose(pose)} {_focal_length(name, cameras or {}):.12g}\n"
             for name, pose in poses.items()
         )
     else:
-        text = "".join(f"{name} {format_pose(pose)}\n" for name, pose in poses.items())
+        text = "".join(f"{quoted_name(name)} {format_pose(pose)}\n" for name, pose in poses.items())
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -128,6 +128,15 @@ def format_of_path(path: str | Path) -> PoseFormat:
             f"the ending of {path} does not tell the form of a pose file (images.txt, "
             f"{', '.join(_ENDINGS)} do); say which (--to)"
         ) from None
+
+
+def is_colmap_folder(path: str | Path, format: PoseFormat | None) -> bool:
+    """Whether a whole COLMAP model is to be written: to a folder that there is, or to a name
+    without ending (``sparse/0``, or any with ``--to colmap``)."""
+    path = Path(path)
+    if format not in (None, "colmap"):
+        return False
+    return path.is_dir() or not path.suffix
 
 
 def _focal_length(name: str, cameras: Mapping[str, Camera]) -> float:

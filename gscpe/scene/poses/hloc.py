@@ -9,6 +9,8 @@ from typing import Iterator, Sequence
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
 from gscpe.geometry import se3
+from gscpe.scene.photo_name import is_number, split_quoted_name
+from gscpe.scene.text_file import read_text_file
 
 
 def parse_pose(text: str) -> Float64Array:
@@ -38,7 +40,7 @@ def read_poses(path: str | Path) -> dict[str, Float64Array]:
 
     Up to two more numbers are ignored (the focal length of the 7-Scenes pseudo ground truth,
     the two errors in DSAC*'s estimates), and so are empty lines and lines that begin with
-    ``#``.
+    ``#``. Names may have blanks, in double quotes or not; see :func:`split_pose_line`.
 
     Raises:
         PoseError: the file cannot be read, a line has another form, or a name comes twice.
@@ -56,11 +58,12 @@ def parse_poses(
     """
     poses: dict[str, Float64Array] = {}
     for number, line in pose_lines(text):
-        name, *words = line.split()
-        if not 7 <= len(words) <= 9 or not all(is_number(word.rstrip(",")) for word in words[7:]):
+        parts = split_pose_line(line)
+        if parts is None:
             raise PoseError(
                 f"{source}, line {number}: expected 'name qw qx qy qz tx ty tz', got {line[:60]!r}"
             )
+        name, words = parts
         if not_finite is not None and _are_numbers_but_not_finite(words[:7]):
             not_finite.append(name)
             continue
@@ -70,6 +73,28 @@ def parse_poses(
             raise PoseError(f"{source}, line {number}: {error}") from None
         add_pose(poses, name, cam_from_world, f"{source}, line {number}")
     return poses
+
+
+def split_pose_line(line: str) -> tuple[str, list[str]] | None:
+    """The name that a line begins with, which may have blanks, and the 7 to 9 numbers after it;
+    None where there are others.
+
+    The numbers are found from the end. A name without quotes may end in a number; then its pose
+    is told from a line with more than 7 numbers by the quaternion, which is of unit length.
+    """
+    quoted = split_quoted_name(line)
+    if quoted is not None:
+        words = quoted[1].split()
+        return (quoted[0], words) if _are_numbers(words) and 7 <= len(words) <= 9 else None
+    words = line.split()
+    count = 0
+    while count < len(words) - 1 and _are_numbers(words[-1 - count :][:1]):
+        count += 1
+    if count < 7:
+        return None
+    if count > 7 and _is_unit(words[-7:-3]) and not (count <= 9 and _is_unit(words[-count:][:4])):
+        count = 7
+    return (line.rsplit(None, count)[0], words[-count:]) if count <= 9 else None
 
 
 def add_pose(
@@ -89,7 +114,7 @@ def read_pose_text(path: str | Path) -> str:
     """
     path = Path(path)
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return read_text_file(path)
     except OSError as error:
         raise PoseError(f"pose file {path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -108,10 +133,9 @@ def _are_numbers_but_not_finite(words: Sequence[str]) -> bool:
     return all(map(is_number, words)) and not all(math.isfinite(float(word)) for word in words)
 
 
-def is_number(word: str) -> bool:
-    """Whether a word is a number as Python reads it."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+def _are_numbers(words: Sequence[str]) -> bool:
+    return all(is_number(word.rstrip(",")) for word in words)
+
+
+def _is_unit(words: Sequence[str]) -> bool:
+    return abs(math.hypot(*(float(word.rstrip(",")) for word in words)) - 1.0) < 1e-3

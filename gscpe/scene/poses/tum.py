@@ -12,7 +12,8 @@ from typing import Mapping, Sequence
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
 from gscpe.geometry import se3
-from gscpe.scene.poses.hloc import add_pose, is_number, pose_lines
+from gscpe.scene.photo_name import is_number
+from gscpe.scene.poses.hloc import add_pose, pose_lines
 
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 

@@ -1,4 +1,4 @@
-"""Photos as worse light, lenses and hands would have made them, for the refinement's benchmark.
+"""Photos as worse light, lenses and hands would have made them, for the benchmarks.
 
 Each function takes and returns an (H, W, 3) uint8 RGB image. They work on the stored values,
 without undoing the camera's gamma.
@@ -64,10 +64,27 @@ def occluded(image: UInt8Array, area_share: float) -> UInt8Array:
     rows, columns = (round(side * area_share**0.5) for side in (height, width))
     top, left = (2 * (height - rows)) // 3, (2 * (width - columns)) // 3
     result = image.copy()
-    result[top : top + rows, left : left + columns] = cv2.resize(
-        skimage.data.coffee(), (columns, rows), interpolation=cv2.INTER_AREA
-    )
+    result[top : top + rows, left : left + columns] = _cup(columns, rows)
     return result
+
+
+def half_covered(image: UInt8Array) -> UInt8Array:
+    """The left half hidden by the same cup."""
+    height, width = image.shape[:2]
+    result = image.copy()
+    result[:, : width // 2] = _cup(width // 2, height)
+    return result
+
+
+def dark_and_blurred(image: UInt8Array) -> UInt8Array:
+    """A quarter of the light, moved by 11 pixels while it was exposed, with the noise of it."""
+    blurred = cv2.filter2D(image.astype(np.float64), -1, np.full((1, 11), 1 / 11)) / 4
+    return _bytes(blurred + np.random.default_rng(0).normal(0.0, 3.0, image.shape))
+
+
+def _cup(width: int, height: int) -> UInt8Array:
+    picture: UInt8Array = skimage.data.coffee()
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _bytes(values: NDArray[np.float64]) -> UInt8Array:

@@ -1,0 +1,105 @@
+"""``gscpe train``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import closing, nullcontext
+from pathlib import Path
+
+from gscpe.cli.common import Commands, show_progress
+
+
+def add_parser(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "train", help="make a splat from photos with known poses, on the CPU"
+    )
+    parser.add_argument(
+        "--colmap",
+        required=True,
+        metavar="MODEL_DIR",
+        help="COLMAP model with the photos' poses and points, for example model/sparse/0",
+    )
+    parser.add_argument("--images", required=True, metavar="IMAGE_DIR", help="the model's photos")
+    parser.add_argument("--output", required=True, metavar="SPLAT", help=".ply (or .spz) to write")
+    long = parser.add_mutually_exclusive_group()
+    long.add_argument(
+        "--minutes", type=float, default=20.0, help="time to spend (default: %(default)g)"
+    )
+    long.add_argument(
+        "--iterations",
+        type=int,
+        help="instead of a time: the result is then the same on every run",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where a training was interrupted"
+    )
+    parser.add_argument(
+        "--max-gaussians", metavar="N", type=int, default=250_000, help="(default: %(default)s)"
+    )
+    parser.add_argument(
+        "--max-size",
+        metavar="PIXELS",
+        type=int,
+        default=1000,
+        help="photos with a longer side are shrunk to this (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--test-every",
+        metavar="N",
+        type=int,
+        default=8,
+        help="one photo of N is left out, and shows how good the splat is; 0 for none "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--sh-degree",
+        type=int,
+        default=3,
+        help="of the colours' spherical harmonics, 0 to 3 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--antialiased",
+        action="store_true",
+        help="train for rendering with the opacity compensation of Mip-Splatting",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    from gscpe.training import ProgressBar, TrainingSettings, checkpoint_of, train_from_colmap
+
+    by_time = options.iterations is None
+    settings = TrainingSettings(
+        iterations=TrainingSettings.iterations if by_time else options.iterations,
+        minutes=options.minutes if by_time else None,
+        max_gaussians=options.max_gaussians,
+        sh_degree=options.sh_degree,
+        antialiased=options.antialiased,
+        seed=options.seed,
+    )
+    try:
+        with closing(ProgressBar()) if show_progress() else nullcontext() as bar:
+            done = train_from_colmap(
+                options.colmap,
+                options.images,
+                options.output,
+                settings,
+                options.max_size,
+                options.test_every,
+                options.resume,
+                bar,
+            )
+    except KeyboardInterrupt:
+        checkpoint = checkpoint_of(Path(options.output))
+        if checkpoint.exists():
+            print(f"{checkpoint}: go on from here with --resume", file=sys.stderr)
+        raise
+    which = f"{done.left_out} photos left out" if done.left_out else "photos trained on"
+    print(
+        f"{options.output}: {done.gaussians} Gaussians from {done.learned} photos; "
+        f"PSNR of {which}: {done.likeness.psnr:.2f} dB, "
+        f"{done.likeness.fitted_psnr:.2f} with gain and bias fitted"
+    )
+    return 0

@@ -1,0 +1,140 @@
+"""Trains a splat from photos with known poses (Kerbl et al., 3D Gaussian Splatting, 2023)."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from typing import Sequence
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import TrainingError
+from gscpe.geometry.se3 import check_transform
+from gscpe.render.kernel_threads import KernelThreads, interrupts_later
+from gscpe.scene.gaussians import GaussianScene
+from gscpe.scene.photo import Photo
+from gscpe.training.checkpoint import (
+    TrainingState,
+    fingerprint,
+    read_checkpoint,
+    write_checkpoint,
+)
+from gscpe.training.exposure import Exposures
+from gscpe.training.points import PointCloud, extent_of, first_gaussians
+from gscpe.training.progress import Listener
+from gscpe.training.schedule import Schedule
+from gscpe.training.settings import TrainingSettings
+from gscpe.training.trainer import Trainer
+
+_log = logging.getLogger(__name__)
+
+LEAST_PHOTOS = 3
+_CHECKPOINT_SECONDS = 45.0
+
+
+def train(
+    photos: Sequence[Photo],
+    cam_from_world: Float64Array,
+    points: PointCloud,
+    settings: TrainingSettings | None = None,
+    progress: Listener | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    threads: int | None = None,
+) -> GaussianScene:
+    """A splat that looks like the photos from where they were taken.
+
+    With ``iterations`` it is the same to the last bit each time, whatever the number of threads,
+    and also when it was interrupted and resumed. Ctrl-C takes effect between two iterations,
+    after a checkpoint.
+
+    Args:
+        photos: at least three, pinhole; all are kept in memory.
+        cam_from_world: (P, 4, 4), their poses.
+        points: what to begin with, in the same frame.
+        settings: how.
+        progress: is told of every iteration.
+        checkpoint: file that is written at the beginning and at least every minute, to resume
+            from; it stays at the end.
+        resume: go on from ``checkpoint``.
+        threads: that compute; by default as many as there are cores to use.
+
+    Raises:
+        TrainingError: there are too few photos, as many poses there are not, a checkpoint does not
+            fit, or the training diverged.
+        PoseError: a pose is not a rigid transform.
+        OutputError: a checkpoint cannot be written.
+    """
+    begin = time.perf_counter()
+    settings = settings or TrainingSettings()
+    cam_from_world = _checked(photos, cam_from_world)
+    path = None if checkpoint is None else Path(checkpoint)
+    if resume and path is None:
+        raise TrainingError("to resume, name the checkpoint")
+    mark = fingerprint(photos, cam_from_world, points, settings) if path else ""
+    extent = _extent(cam_from_world, points)
+    if resume and path is not None:
+        state = read_checkpoint(path, mark, settings)
+    else:
+        parameters = first_gaussians(points, extent, settings)
+        state = TrainingState(
+            parameters=parameters,
+            exposures=Exposures.neutral(len(photos)),
+            schedule=Schedule(settings),
+            screen_gradients=np.zeros(len(parameters), dtype=np.float32),
+            times_seen=np.zeros(len(parameters), dtype=np.int32),
+        )
+    begin -= state.schedule.seconds
+    pool = KernelThreads(threads)
+    trainer = Trainer(photos, cam_from_world, extent, state, settings, pool)
+    try:
+        with interrupts_later() as interrupts:
+            if path is not None and not resume:
+                write_checkpoint(
+                    path, state, mark
+                )  # now, and not in a minute, is a disk found full
+            written = time.perf_counter()
+            while not state.schedule.is_done and not interrupts:
+                before = time.perf_counter()
+                trainer.step()
+                now = time.perf_counter()
+                state.schedule.advance(now - begin, now - before)
+                trainer.follow_schedule()
+                if progress is not None:
+                    progress(trainer.progress())
+                if path is not None and now - written > _CHECKPOINT_SECONDS:
+                    write_checkpoint(path, state, mark)
+                    written = time.perf_counter()
+            if path is not None:
+                write_checkpoint(path, state, mark)
+        if not state.schedule.is_done:  # and the program's own handler let it go on
+            raise KeyboardInterrupt
+    finally:
+        pool.close()
+    _log.info("trained %d iterations in %.0f s", state.schedule.iteration, state.schedule.seconds)
+    return trainer.scene()
+
+
+def _checked(photos: Sequence[Photo], cam_from_world: Float64Array) -> Float64Array:
+    if len(photos) < LEAST_PHOTOS:
+        raise TrainingError(
+            f"{len(photos)} photos are too few: at least {LEAST_PHOTOS} from different places "
+            "are needed"
+        )
+    if len(photos) != len(cam_from_world):
+        raise TrainingError(f"{len(photos)} photos, but {len(cam_from_world)} poses")
+    return np.stack(
+        [
+            check_transform(pose, f"cam_from_world of photo {i}")
+            for i, pose in enumerate(cam_from_world)
+        ]
+    )
+
+
+def _extent(cam_from_world: Float64Array, points: PointCloud) -> float:
+    """Of the cameras; half the distance to the points where they stand close together."""
+    centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    far = np.median(np.linalg.norm(points.positions - centres.mean(axis=0), axis=1))
+    return max(extent_of(cam_from_world), 0.5 * float(far), 1e-9)

@@ -1,0 +1,128 @@
+"""The points that training begins with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.errors import ColmapModelError, MissingDependencyError
+from gscpe.scene.gaussians import SH_C0
+from gscpe.training.parameters import Parameters
+from gscpe.training.settings import TrainingSettings
+
+LEAST_POINTS = 100
+"""Fewer do not tell where things are."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Coloured points.
+
+    Attributes:
+        positions: (M, 3) float64, in the world, finite.
+        colours: (M, 3) uint8.
+
+    Raises:
+        ColmapModelError: shapes differ, a position is not finite, or there are fewer than
+            LEAST_POINTS.
+    """
+
+    positions: Float64Array
+    colours: UInt8Array
+
+    def __post_init__(self) -> None:
+        if self.positions.shape != (len(self.positions), 3) or (
+            self.positions.shape != self.colours.shape
+        ):
+            raise ColmapModelError("points need (M, 3) positions and as many colours")
+        if len(self.positions) < LEAST_POINTS:
+            raise ColmapModelError(
+                f"{len(self.positions)} points are too few to begin a training with; at least "
+                f"{LEAST_POINTS} are needed"
+            )
+        if not np.all(np.isfinite(self.positions)):
+            raise ColmapModelError("some points are NaN or infinite; remove them from the model")
+
+
+def read_colmap_points(model_folder: str | Path) -> PointCloud | None:
+    """The points of a COLMAP model, in the order of their numbers; None where it has fewer than
+    LEAST_POINTS.
+
+    Raises:
+        MissingDependencyError: pycolmap is not installed.
+        ColmapModelError: the model cannot be read.
+    """
+    try:
+        import pycolmap
+    except ImportError as error:
+        raise MissingDependencyError(
+            "reading a COLMAP model needs pycolmap: pip install pycolmap"
+        ) from error
+    try:
+        model = pycolmap.Reconstruction(str(model_folder))
+    except Exception as error:  # pycolmap raises plain ValueError, RuntimeError, IndexError, ...
+        raise ColmapModelError(
+            f"{model_folder} is not a readable COLMAP model: {str(error).strip()}"
+        ) from error
+    return cloud_of(model) if len(model.points3D) >= LEAST_POINTS else None
+
+
+def cloud_of(model: Any) -> PointCloud:
+    """The points of a pycolmap.Reconstruction, in the order of their numbers.
+
+    Raises:
+        ColmapModelError: there are too few, or one is not finite.
+    """
+    points = [model.points3D[number] for number in sorted(model.points3D)]
+    return PointCloud(
+        np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
+        np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+    )
+
+
+def first_gaussians(points: PointCloud, extent: float, settings: TrainingSettings) -> Parameters:
+    """Round Gaussians at the points, as wide as their three nearest neighbours are away (Kerbl et
+    al. 2023); points beyond the budget are left out, evenly.
+
+    Args:
+        points: where and in what colour.
+        extent: of the cameras, map units; nothing is wider than a tenth of it.
+        settings: budget and opacity.
+    """
+    from scipy.spatial import cKDTree
+
+    chosen = np.arange(len(points.positions))
+    if len(chosen) > settings.max_gaussians:
+        chosen = np.random.default_rng(settings.seed).permutation(chosen)
+        chosen = np.sort(chosen[: settings.max_gaussians])
+    positions = points.positions[chosen]
+    distances, _ = cKDTree(positions).query(positions, k=4)
+    widths = np.sqrt(np.mean(distances[:, 1:] ** 2, axis=1))
+    widths = np.clip(widths, 1e-5 * extent, 0.1 * extent)
+    count = len(chosen)
+    quaternions = np.zeros((count, 4), dtype=np.float32)
+    quaternions[:, 0] = 1.0
+    colours = points.colours[chosen].astype(np.float32) / 255.0
+    logit = np.log(settings.first_opacity / (1.0 - settings.first_opacity))
+    log_scales = np.repeat(np.log(widths)[:, None], 3, axis=1)
+    return Parameters.new(
+        means=positions.astype(np.float32),
+        log_scales=log_scales.astype(np.float32),
+        quaternions=quaternions,
+        logits=np.full(count, logit, dtype=np.float32),
+        sh=np.asarray((colours - 0.5) / np.float32(SH_C0), dtype=np.float32)[:, None, :],
+    ).in_spatial_order()
+
+
+def extent_of(cam_from_world: Float64Array) -> float:
+    """1.1 times the largest distance of a camera from their mean, map units, as in 3DGS."""
+    centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    radius = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    return 1.1 * radius
+
+
+__all__ = ["PointCloud", "extent_of", "first_gaussians", "read_colmap_points"]

@@ -1,0 +1,109 @@
+"""How a splat is trained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gscpe.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Learning rates, schedule and budget. Shares are of the whole training, from 0 to 1; what
+    happens at a share happens there however long the training is.
+
+    Attributes:
+        iterations: photos to learn from, one an iteration; with ``minutes``, at most so many.
+        minutes: time to spend; the schedule follows the measured speed, so that the result
+            depends on the machine. None: ``iterations`` exactly, and the same bytes every time.
+        max_gaussians: a budget that is kept.
+        sh_degree: of the colours, 0 to 3; one more at each of ``sh_shares`` until it is reached.
+        antialiased: train for rendering with the opacity compensation of Mip-Splatting.
+        small_share: until here photos are half as large.
+        ssim_weight: loss = L1 + ssim_weight (1 - SSIM).
+        position_rate: learning rate of positions, times the extent of the cameras; it falls to
+            ``position_rate_end`` times it, exponentially.
+        scale_rate, rotation_rate, opacity_rate, colour_rate: learning rates of the logarithms of
+            the scales, quaternions, logits, and harmonics of degree 0; they fall to ``rates_end``
+            times this, exponentially.
+        harmonics_rate: of higher degrees, as a share of ``colour_rate``.
+        exposure_rate: of gains and biases; falls to a tenth. 0 for none.
+        opacity_weight, scale_weight: of the mean opacity, and of the mean scale as a share of the
+            extent, in the loss: what no photo needs fades away, in place of resets.
+        densify_from, densify_until: shares between which Gaussians are added.
+        densify_rounds: how often.
+        least_growth, most_growth: of the number of Gaussians in a round, within the budget.
+        split_gradient: Gaussians whose mean gradient on the screen (a unit is half its longer
+            side) is less are not split.
+        prune_opacity: Gaussians fainter than this are dropped.
+        prune_scale: and those larger than this share of the extent.
+        prune_until: share until which they are.
+        first_opacity: of the Gaussians that the points become.
+        seed: of the order of the photos and of the backgrounds.
+
+    Raises:
+        SettingsError: a value is out of its range.
+    """
+
+    iterations: int = 30_000
+    minutes: float | None = None
+    max_gaussians: int = 250_000
+    sh_degree: int = 3
+    sh_shares: tuple[float, ...] = (1 / 8, 2 / 8, 3 / 8)
+    antialiased: bool = False
+    small_share: float = 0.6
+    ssim_weight: float = 0.2
+    position_rate: float = 2.5e-4
+    position_rate_end: float = 0.01
+    scale_rate: float = 2e-2
+    rotation_rate: float = 4e-3
+    opacity_rate: float = 0.05
+    colour_rate: float = 2.5e-3
+    rates_end: float = 0.4
+    harmonics_rate: float = 0.1
+    exposure_rate: float = 0.01
+    opacity_weight: float = 0.001
+    scale_weight: float = 0.01
+    densify_from: float = 0.08
+    densify_until: float = 0.5
+    densify_rounds: int = 20
+    least_growth: float = 0.05
+    most_growth: float = 0.3
+    split_gradient: float = 1e-4
+    prune_opacity: float = 0.02
+    prune_scale: float = 0.3
+    prune_until: float = 0.9
+    first_opacity: float = 0.5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1:
+            raise SettingsError(f"iterations must be at least 1, not {self.iterations}")
+        if self.minutes is not None and not 0 < self.minutes < 1e5:
+            raise SettingsError(f"minutes must be more than 0, not {self.minutes}")
+        if self.max_gaussians < 100:
+            raise SettingsError(f"max_gaussians must be at least 100, not {self.max_gaussians}")
+        if self.sh_degree not in (0, 1, 2, 3):
+            raise SettingsError(f"sh_degree must be 0, 1, 2 or 3, not {self.sh_degree}")
+        if len(self.sh_shares) != 3 or list(self.sh_shares) != sorted(self.sh_shares):
+            raise SettingsError("sh_shares must be three shares in ascending order")
+        if self.seed < 0:
+            raise SettingsError(f"seed must be 0 or more, not {self.seed}")
+        if self.densify_rounds < 1:
+            raise SettingsError(f"densify_rounds must be at least 1, not {self.densify_rounds}")
+        for name in ("small_share", "densify_from", "densify_until", "prune_until"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise SettingsError(f"{name} must lie in [0, 1], not {getattr(self, name)}")
+        if not 0 < self.first_opacity < 1:
+            raise SettingsError(f"first_opacity must lie in (0, 1), not {self.first_opacity}")
+
+    def sh_degree_at(self, share: float) -> int:
+        """The degree of the colours at a share of the training."""
+        return min(self.sh_degree, sum(share >= step for step in self.sh_shares))
+
+    def round_at(self, share: float) -> int:
+        """Rounds of densification that are due by a share of the training; those after
+        ``densify_until`` only prune, and none is after ``prune_until``."""
+        span = max(self.densify_until - self.densify_from, 1e-9) / self.densify_rounds
+        done = (min(share, self.prune_until) - self.densify_from) / span
+        return max(0, int(done + 1e-9))

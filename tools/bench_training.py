@@ -1,0 +1,167 @@
+#!/usr/bin/env python3
+"""Times an iteration of training as a multiple of the forward render of the same view, and shows
+how well a splat shows the RedKitchen queries.
+
+Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py [--splat PLY] [--rounds N]
+       GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py --splat PLY --likeness [--every N]
+
+Iteration and render take turns, with the same Gaussians and the same camera, so that whatever
+else the machine does falls on both; processor seconds, of all cores, hardly depend on that at
+all. The iteration is a whole one: render, loss, gradients, Adam.
+The render is Renderer(..., "cpu").render, which is given the Gaussians in view by chunks and not
+one by one. PSNR is of renders at the queries' true poses, raw and with a gain and a bias fitted
+for each photo and channel.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from gscpe import GaussianScene, Renderer, read_splat
+from gscpe.arrays import Float64Array
+from gscpe.render.kernel_threads import KernelThreads
+from gscpe.scene import Photo, read_image, to_photo
+from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.poses.hloc import read_poses
+from gscpe.scene.query_list import read_query_list
+from gscpe.training.checkpoint import TrainingState
+from gscpe.training.evaluation import likeness
+from gscpe.training.exposure import Exposures
+from gscpe.training.parameters import Parameters
+from gscpe.training.points import extent_of
+from gscpe.training.schedule import Schedule
+from gscpe.training.settings import TrainingSettings
+from gscpe.training.trainer import Trainer
+
+PHOTOS = 8
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--splat", type=Path, help="default: that of the data set")
+    parser.add_argument("--rounds", type=int, default=3, help=f"through {PHOTOS} photos")
+    parser.add_argument("--likeness", action="store_true", help="PSNR of the queries")
+    parser.add_argument("--every", type=int, default=4, help="only every N-th query")
+    options = parser.parse_args()
+    data = Path(os.environ.get("GSCPE_DATA", "")) / "redkitchen"
+    if not data.is_dir():
+        print("set GSCPE_DATA to the folder that holds redkitchen/", file=sys.stderr)
+        return 2
+    scene = read_splat(options.splat or data / "splat.ply")
+    if options.likeness:
+        show_likeness(scene, data, options.every)
+    else:
+        show_times(scene, data, options.rounds)
+    return 0
+
+
+def show_likeness(scene: GaussianScene, data: Path, every: int) -> None:
+    """PSNR of every so many queries."""
+    queries = read_query_list(data / "queries.txt")[::every]
+    truth = read_poses(data / "truth.txt")
+    photos = [to_photo(read_image(data / "queries" / q.name), q.camera) for q in queries]
+    found = likeness(scene, photos, np.stack([truth[q.name] for q in queries]))
+    print(
+        f"{len(scene)} Gaussians, {len(photos)} queries: PSNR {found.psnr:.2f} dB, "
+        f"{found.fitted_psnr:.2f} with gain and bias fitted"
+    )
+
+
+def show_times(scene: GaussianScene, data: Path, rounds: int) -> None:
+    """Milliseconds and ratios, by size of the photos and degree of the colours."""
+    references = read_colmap_references(data / "sparse" / "0", data / "references")
+    chosen = np.linspace(0, len(references) - 1, PHOTOS).astype(int)
+    photos = [
+        to_photo(read_image(data / "references" / references.names[i]), references.cameras[i])
+        for i in chosen
+    ]
+    extent = extent_of(references.cam_from_world)
+    print(f"{len(scene)} Gaussians, {PHOTOS} views, medians")
+    print("| photos | degree | iteration, ms | render, ms | ratio | of processor seconds |")
+    print("|---|---|---|---|---|---|")
+    for small in (True, False):
+        for degree in (0, 3):
+            settings = TrainingSettings(
+                iterations=10**6, small_share=1.0 if small else 0.0, sh_shares=(2.0, 2.0, 2.0)
+            )
+            parameters = parameters_of(scene, degree)
+            poses = references.cam_from_world[chosen]
+            iteration, render = times(parameters, photos, poses, extent, settings, rounds)
+            wall, processor = iteration / render
+            print(
+                f"| {photos[0].camera.width // (1 + small)} px | {degree} | {iteration[0]:.0f} | "
+                f"{render[0]:.0f} | {wall:.2f} | {processor:.2f} |",
+                flush=True,
+            )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"at most {peak:.2f} GB of memory (Linux)")
+
+
+def times(
+    parameters: Parameters,
+    photos: list[Photo],
+    poses: Float64Array,
+    extent: float,
+    settings: TrainingSettings,
+    rounds: int,
+) -> tuple[Float64Array, Float64Array]:
+    """Median milliseconds, wall and processor, of an iteration and a render of the same view."""
+    state = TrainingState(
+        parameters,
+        Exposures.neutral(len(photos)),
+        Schedule(settings),
+        np.zeros(len(parameters), dtype=np.float32),
+        np.zeros(len(parameters), dtype=np.int32),
+    )
+    threads = KernelThreads()
+    trainer = Trainer(photos, poses, extent, state, settings, threads)
+    degree = int(np.sqrt(parameters.sh.shape[1])) - 1
+    iterations, renders = [], []
+    trainer.step()  # compiles
+    for number in range(PHOTOS, PHOTOS * (rounds + 1)):
+        state.schedule.iteration = number
+        index = trainer.photo_of(number)
+        camera = trainer.sized(index).camera
+        with Renderer(parameters.scene(degree, antialiased=False), "cpu") as renderer:
+            renderer.render(camera, poses[index])
+            begin = clocks()
+            renderer.render(camera, poses[index])
+            middle = clocks()
+            trainer.step()
+            end = clocks()
+        renders.append(middle - begin)
+        iterations.append(end - middle)
+    threads.close()
+    return np.median(iterations, axis=0), np.median(renders, axis=0)
+
+
+def clocks() -> Float64Array:
+    """Milliseconds on the wall, and of processors."""
+    return 1000.0 * np.array([time.perf_counter(), time.process_time()])
+
+
+def parameters_of(scene: GaussianScene, degree: int) -> Parameters:
+    """A splat as if it were being trained."""
+    opacities = np.clip(scene.opacities.astype(np.float64), 1e-6, 1.0 - 1e-6)
+    return (
+        Parameters.new(
+            scene.means.copy(),
+            np.log(scene.scales),
+            scene.quaternions.copy(),
+            np.log(opacities / (1.0 - opacities)).astype(np.float32),
+            scene.sh.copy(),
+        )
+        .in_spatial_order()
+        .with_degree(degree)
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
