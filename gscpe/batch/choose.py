@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
 
-from gscpe.batch.crew import Crew
+from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.process_crew import ProcessCrew
-from gscpe.batch.serial_crew import SerialCrew
 from gscpe.batch.worker import Worker
 from gscpe.cores import available_cores
-from gscpe.errors import MapError, SettingsError
+from gscpe.errors import MapError, MissingDependencyError, SettingsError
 from gscpe.render import choose_backend
 
 _PHOTOS_A_WORKER = 8
@@ -45,6 +45,12 @@ def make_crew(
     if workers < 1:
         raise SettingsError(f"there must be at least one worker, not {workers}")
     if scheduler is not None:
+        try:
+            importlib.import_module("distributed")
+        except ImportError as error:
+            raise MissingDependencyError(
+                f"a cluster needs Dask ({error}): pip install 'gscpe[dask]'"
+            ) from error
         from gscpe.batch.dask_crew import DaskCrew
 
         return DaskCrew(instructions, scheduler)

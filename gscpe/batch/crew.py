@@ -1,12 +1,17 @@
-"""What does the work: a crew takes queries and gives back details, in any order."""
+"""What does the work: a crew takes queries and gives back details, in any order.
+
+The smallest one is a worker in this process.
+"""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from pathlib import Path
 from typing import Iterator, Sequence
 
 from gscpe.batch.details import Detail
-from gscpe.batch.fingerprint import Fingerprint
+from gscpe.batch.instructions import Fingerprint
+from gscpe.batch.worker import Worker
 from gscpe.closing import Closing
 from gscpe.scene.query_list import Query
 
@@ -19,9 +24,11 @@ class Crew(Closing):
 
     Attributes:
         fingerprint: of map and settings; None where the map is no folder.
+        image_folder: that the queries' names are relative to.
     """
 
     fingerprint: Fingerprint | None
+    image_folder: Path
 
     @property
     @abstractmethod
@@ -41,3 +48,28 @@ class Crew(Closing):
     @abstractmethod
     def close(self) -> None:
         """Stops the work; what is not finished is dropped."""
+
+
+class SerialCrew(Crew):
+    """Implements :class:`gscpe.batch.Crew`; queries are finished in their order.
+
+    Args:
+        worker: is closed with the crew.
+        fingerprint: of its map and settings, where they are known.
+    """
+
+    def __init__(self, worker: Worker, fingerprint: Fingerprint | None = None) -> None:
+        self.fingerprint = fingerprint
+        self.image_folder = worker.image_folder
+        self._worker = worker
+
+    @property
+    def description(self) -> str:
+        return f"this process, {self._worker.description}"
+
+    def run(self, queries: Sequence[Query]) -> Iterator[tuple[Query, Detail]]:
+        for query in queries:
+            yield query, self._worker.localize(query)
+
+    def close(self) -> None:
+        self._worker.close()

@@ -1,17 +1,27 @@
-"""The crew of a cluster: the workers of a Dask scheduler."""
+"""The crew of a cluster: the workers of a Dask scheduler, and what runs on them.
+
+This needs Dask to be imported; :func:`gscpe.batch.make_crew` does so where a scheduler is given.
+"""
 
 from __future__ import annotations
 
-import importlib
 import logging
+import math
+import threading
 import uuid
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any, Iterator, Sequence
+
+from distributed import Client, KilledWorker, WorkerPlugin, get_worker
+from distributed import Worker as DaskWorker
 
 from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail, failed_details
 from gscpe.batch.instructions import Instructions
-from gscpe.errors import MissingDependencyError, SettingsError, WorkerError
+from gscpe.batch.worker import Worker
+from gscpe.errors import MapError, SettingsError, WorkerError
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)
@@ -35,22 +45,19 @@ class DaskCrew(Crew):
         scheduler: its address, for example ``tcp://10.0.0.1:8786``.
 
     Raises:
-        MissingDependencyError: Dask is not installed.
         SettingsError: the address is none.
         WorkerError: the scheduler cannot be reached, or has no workers.
         MapError, RenderError, ...: what :meth:`gscpe.batch.Worker.start` raised in one of them.
     """
 
     def __init__(self, instructions: Instructions, scheduler: str) -> None:
-        distributed = _distributed()
-        from gscpe.batch.dask_plugin import LocalizerPlugin, describe_on_worker
-
         self.fingerprint = instructions.fingerprint
+        self.image_folder = instructions.image_folder
         self._scheduler = scheduler
         self._registered = False
         self._name = f"gscpe-{uuid.uuid4().hex}"
         try:
-            self._client = distributed.Client(scheduler, set_as_default=False)
+            self._client = Client(scheduler, set_as_default=False)
         except ValueError as error:
             raise SettingsError(f"--scheduler {scheduler}: {error}") from error
         except OSError as error:
@@ -62,7 +69,7 @@ class DaskCrew(Crew):
             key = f"{self._name}-describe"
             started = self._client.submit(describe_on_worker, self._name, key=key)
             self._renderer: str = self._outcome(self._next(_when_done([started])))
-        except distributed.KilledWorker as error:
+        except KilledWorker as error:
             self.close()
             raise WorkerError(f"Dask workers die when they open the map ({error})") from error
         except BaseException:
@@ -74,9 +81,6 @@ class DaskCrew(Crew):
         return f"{self._count()} Dask workers at {self._scheduler}, one of them: {self._renderer}"
 
     def run(self, queries: Sequence[Query]) -> Iterator[tuple[Query, Detail]]:
-        from gscpe.batch.dask_plugin import localize_on_worker
-
-        distributed = _distributed()
         tag = f"{self._name}-{uuid.uuid4().hex}"
         keys = [f"{tag}-{number}" for number in range(len(queries))]
         futures = self._client.map(localize_on_worker, queries, name=self._name, key=keys)
@@ -88,7 +92,7 @@ class DaskCrew(Crew):
             query = pending.pop(future.key)
             try:
                 detail: Detail = self._outcome(future)
-            except distributed.KilledWorker as error:
+            except KilledWorker as error:
                 _log.warning("%s is given up: %s", query.name, error)
                 detail = failed_details(query, f"its Dask workers died, repeatedly ({error})")
             yield query, detail
@@ -132,19 +136,90 @@ class DaskCrew(Crew):
         self._client.close()
 
 
-def _distributed() -> Any:
-    """The package; untyped, mostly."""
-    try:
-        return importlib.import_module("distributed")
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"a cluster needs Dask ({error}): pip install 'gscpe[dask]'"
-        ) from error
-
-
 def _when_done(futures: Sequence[Any]) -> SimpleQueue[Any]:
     """Futures come out in the order in which they are done."""
     done: SimpleQueue[Any] = SimpleQueue()
     for future in futures:
         future.add_done_callback(done.put)
     return done
+
+
+class LocalizerPlugin(WorkerPlugin):
+    """Opens the map where it is registered, and on workers that join later; closes it at the end.
+
+    An OpenGL context belongs to its thread, so one thread does all the work, however many Dask
+    runs tasks in. One that hangs is left behind, and a new one opens the map again.
+    """
+
+    def __init__(self, name: str, instructions: Instructions) -> None:
+        self.name = name
+        self._instructions = instructions
+
+    def setup(self, worker: DaskWorker) -> None:
+        """Begins to open the map; this is the worker's event loop, which must not wait."""
+        self._address = worker.address
+        if self._instructions.threads is None:
+            self._instructions = replace(self._instructions, threads=worker.state.nthreads)
+        self._turn = threading.Lock()  # whose time runs is the one that is worked on
+        self._begin()
+
+    def _begin(self) -> None:
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="gscpe-localizer")
+        self._worker: Future[Worker] = self._thread.submit(self._start)
+
+    def teardown(self, worker: DaskWorker) -> None:
+        """Closes what was opened, once it is idle; in its thread."""
+        self._end()
+
+    def _start(self) -> Worker:
+        for folder in (self._instructions.map_folder, self._instructions.image_folder):
+            if not folder.is_dir():
+                raise MapError(
+                    f"there is no folder {folder} on the Dask worker {self._address}: workers "
+                    "read the map and the photos from the same paths as the machine that asks, "
+                    "so they need a shared file system"
+                )
+        return Worker.start(self._instructions)
+
+    def _end(self) -> None:
+        """Has the thread close what it opened, when it comes to that, and does not wait."""
+        self._thread.submit(_close, self._worker)
+        self._thread.shutdown(wait=False)
+
+    def description(self) -> str:
+        """What renders, once the map is open."""
+        return self._worker.result().description
+
+    def localize(self, query: Query) -> Detail:
+        """As :meth:`gscpe.batch.Worker.localize`, from any thread; or failed, after the time
+        that the instructions allow."""
+        seconds = self._instructions.timeout
+        with self._turn:
+            found = self._thread.submit(self._worker.result().localize, query)
+            wait([found], seconds if math.isfinite(seconds) else None)
+            if not found.done():
+                self._end()
+                self._begin()
+                return failed_details(query, f"its worker hung (no answer for {seconds:g} s)")
+        return found.result()
+
+
+def _close(worker: Future[Worker]) -> None:
+    if worker.exception() is None:
+        worker.result().close()
+
+
+def describe_on_worker(name: str) -> str:
+    """A Dask task: waits until the map is open."""
+    return _plugin(name).description()
+
+
+def localize_on_worker(query: Query, name: str) -> Detail:
+    """A Dask task."""
+    return _plugin(name).localize(query)
+
+
+def _plugin(name: str) -> LocalizerPlugin:
+    plugin = get_worker().plugins[name]
+    assert isinstance(plugin, LocalizerPlugin)
+    return plugin

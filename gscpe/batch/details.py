@@ -23,8 +23,14 @@ Detail = dict[str, Any]
 _FIELDS = {"name", "camera", "status", "reason", "cam_from_world", "coarse", "aligned"}
 
 
-def result_details(query: Query, result: LocalizationResult) -> Detail:
-    """A result as plain data for JSON (docs/formats.md says what each field is)."""
+def result_details(query: Query, result: LocalizationResult, photo: str | None = None) -> Detail:
+    """A result as plain data for JSON (docs/formats.md says what each field is).
+
+    Args:
+        query: the name and the camera.
+        result: of its photo.
+        photo: fingerprint of the photo's file, where resuming is to compare it.
+    """
     coarse, aligned = result.coarse, result.aligned
     return {
         "name": query.name,
@@ -34,6 +40,7 @@ def result_details(query: Query, result: LocalizationResult) -> Detail:
         "cam_from_world": _pose(result.cam_from_world),
         "started_from": result.started_from,
         "reference": result.reference,
+        "orientation": 1 if result.best is None else result.best.orientation,
         "hypotheses": len(result.attempts),
         "coarse": coarse
         and {
@@ -64,6 +71,7 @@ def result_details(query: Query, result: LocalizationResult) -> Detail:
         },
         "covariance": None if result.covariance is None else result.covariance.tolist(),
         "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
+        "photo": photo,
     }
 
 
@@ -82,6 +90,7 @@ def failed_details(query: Query, reason: str) -> Detail:
         "aligned": None,
         "covariance": None,
         "seconds": {},
+        "photo": None,  # it is done again whatever it holds
     }
 
 

@@ -1,29 +1,37 @@
 """The record of what is finished: one JSON object a line, so that it can be resumed.
 
 A photo that cannot be read fails alone. The pose files are written from the record, and
-resuming reads it: photos that failed, or whose camera, map or settings have changed, are done
-again.
+resuming reads it: photos that failed, that have changed, or whose camera, map or settings have
+changed, are done again.
 """
 
 from __future__ import annotations
 
 import json
 import logging
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Iterable, Mapping, Sequence
 
 from tqdm import tqdm
 
-from gscpe.batch.crew import Crew
+from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details
-from gscpe.batch.serial_crew import SerialCrew
+from gscpe.batch.instructions import photo_fingerprint
 from gscpe.batch.worker import Worker
 from gscpe.errors import OutputError
 from gscpe.localization import Localizer
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)
+
+_CHANGED = {
+    "map": "they were localized with another map",
+    "settings": "they were localized with another matcher or other settings",
+    "photo": "their files have changed since",
+}
+"""Fields of a detail that must be as they were, and what it means where they are not."""
 
 
 def localize_list(
@@ -75,13 +83,13 @@ def localize_with(
     """
     details_path = Path(details_path)
     marks: dict[str, str] = asdict(crew.fingerprint) if crew.fingerprint else {}
-    finished = _still_true(queries, read_details(details_path), marks) if resume else {}
+    finished = _still_true(crew, queries, read_details(details_path), marks) if resume else {}
     if not resume:
         _keep_a_copy(details_path)
     # Rewritten, so that a line cut off by the interruption does not stay.
     _write(details_path, finished.values(), "w")
     localized = sum(detail["status"] == "localized" for detail in finished.values())
-    with tqdm(total=len(queries), unit="photo", disable=not progress) as bar:
+    with tqdm(total=len(queries), unit="photo", disable=not (progress and sys.stderr)) as bar:
         bar.update(len(finished))
         for query, detail in crew.run([q for q in queries if q.name not in finished]):
             finished[query.name] = detail | marks
@@ -93,11 +101,15 @@ def localize_with(
 
 
 def _still_true(
-    queries: Sequence[Query], before: Mapping[str, Detail], marks: Mapping[str, str]
+    crew: Crew,
+    queries: Sequence[Query],
+    before: Mapping[str, Detail],
+    marks: Mapping[str, str],
 ) -> dict[str, Detail]:
-    """What need not be done again; one warning for each of map and settings that changed."""
+    """What need not be done again; one warning for each of photos, map and settings that
+    changed."""
     kept = {}
-    changed = dict.fromkeys(marks, 0)
+    changed = dict.fromkeys(_CHANGED, 0)
     for query in queries:
         detail = before.get(query.name)
         if not detail or detail["status"] == "failed":
@@ -105,6 +117,8 @@ def _still_true(
         if detail["camera"] != query.camera.colmap_text():
             continue
         other = [field for field in marks if detail.get(field) != marks[field]]
+        if not other and detail.get("photo") != photo_fingerprint(crew.image_folder / query.name):
+            other = ["photo"]
         for field in other:
             changed[field] += 1
         if not other:
@@ -112,9 +126,7 @@ def _still_true(
     for field, count in changed.items():
         if count:
             _log.warning(
-                "%d photos are done again: they were localized with another %s "
-                "(or before that was noted)",
-                *(count, {"map": "map", "settings": "matcher or other settings"}[field]),
+                "%d photos are done again: %s (or that was not noted yet)", count, _CHANGED[field]
             )
     return kept
 
@@ -122,6 +134,7 @@ def _still_true(
 def _keep_a_copy(path: Path) -> None:
     try:
         if path.is_file() and path.stat().st_size:
+            path = path.resolve()  # a link stays one
             backup = path.with_name(path.name + ".bak")
             path.replace(backup)
             _log.warning("what was finished before is kept in %s", backup)
@@ -133,7 +146,7 @@ def _write(path: Path, details: Iterable[Detail], mode: str) -> None:
     """Closed after each line: it is on disk, and visible to other machines, at once."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open(mode) as file:
+        with path.open(mode, encoding="utf-8") as file:
             file.write("".join(json.dumps(detail) + "\n" for detail in details))
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error

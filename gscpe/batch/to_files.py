@@ -1,17 +1,19 @@
-"""A list from instructions to files, also where it is interrupted."""
+"""A list from instructions to files, also where it is interrupted: whether they can be written,
+and the pose files."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Sequence
+from typing import Any, Mapping, Sequence
 
 from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
-from gscpe.batch.outputs import write_poses
 from gscpe.batch.record import localize_with
+from gscpe.errors import OutputError
+from gscpe.scene.photo_name import quoted_name
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)
@@ -69,3 +71,47 @@ def localize_to_files(
                     "from there",
                     *(len(done), len(queries)),
                 )
+
+
+def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Path] = ()) -> None:
+    """Raises OutputError, before any long work, when one of the files cannot be written, is
+    one of the inputs, or comes twice."""
+    taken = {Path(path).resolve() for path in inputs}
+    for path in (Path(path) for path in paths if path is not None):
+        target = path.resolve()  # a link stays, also one to a file that is not there yet
+        if target in taken:
+            raise OutputError(f"{path} is given twice; each input and output needs its own file")
+        taken.add(target)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            new = not target.exists()
+            with target.open("a"):
+                pass
+            if new:  # nothing empty is left behind where the work fails
+                target.unlink()
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: str) -> None:
+    """Writes hloc's pose file with the localized photos' poses of a stage.
+
+    Args:
+        details: of :func:`gscpe.batch.localize_list`; the file has their order.
+        path: of the pose file.
+        stage: ``"final"``; or that of one stage alone, ``"coarse"`` or ``"aligned"``.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    lines = []
+    for detail in details:
+        source = detail if stage == "final" else detail[stage]
+        if detail["status"] == "localized" and source is not None:
+            lines.append(f"{quoted_name(str(detail['name']))} {source['cam_from_world']}\n")
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        # A name that is no text in this file system's encoding is kept as it is.
+        Path(path).write_text("".join(lines), encoding="utf-8", errors="surrogateescape")
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror}") from error

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Mapping
+from typing import Iterator, Mapping
 
 import cv2
 
 from gscpe.batch.details import Detail, failed_details, result_details
-from gscpe.batch.fingerprint import map_fingerprint
-from gscpe.batch.instructions import Instructions
-from gscpe.batch.threads import limited_threads
+from gscpe.batch.instructions import Instructions, map_fingerprint, photo_fingerprint
 from gscpe.closing import Closing
-from gscpe.errors import InputError, MapError
+from gscpe.cores import VARIABLE
+from gscpe.errors import InputError, MapError, ran_out_of_memory
 from gscpe.localization import Localizer, PosePrior
 from gscpe.scene import open_map, read_image_of
 from gscpe.scene.query_list import Query
 
+_VARIABLES = (
+    VARIABLE,  # the CPU rasterizer, onnxruntime
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
+    *("NUMBA_NUM_THREADS", "LP_NUM_THREADS"),  # the last one: Mesa's software OpenGL
+)
+
 
 class Worker(Closing):
-    """Localizes one query at a time."""
+    """Localizes one query at a time.
+
+    Attributes:
+        image_folder: that the queries' names are relative to.
+    """
 
     def __init__(
         self,
@@ -29,7 +40,7 @@ class Worker(Closing):
     ) -> None:
         self._localizer = localizer
         self._priors = priors or {}
-        self._image_folder = Path(image_folder)
+        self.image_folder = Path(image_folder)
 
     @classmethod
     def start(cls, instructions: Instructions, progress: bool = False) -> Worker:
@@ -70,13 +81,39 @@ class Worker(Closing):
         Raises:
             RenderError: rendering failed.
         """
+        path = self.image_folder / query.name
         try:
-            image = read_image_of(self._image_folder / query.name, query.camera)
+            photo = photo_fingerprint(path)
+            image = read_image_of(path, query.camera)
             prior = self._priors.get(query.name)
-            return result_details(query, self._localizer.localize(image, query.camera, prior))
+            result = self._localizer.localize(image, query.camera, prior)
+            return result_details(query, result, photo)
         except InputError as error:
             return failed_details(query, str(error))
+        except Exception as error:
+            if not ran_out_of_memory(error):
+                raise
+            return failed_details(query, f"there is not enough memory for {path} ({error})")
 
     def close(self) -> None:
         """Gives the renderer's memory back."""
         self._localizer.close()
+
+
+@contextmanager
+def limited_threads(threads: int | None) -> Iterator[None]:
+    """Sets the environment that libraries read when they are loaded, and processes that are
+    started meanwhile inherit. None: leaves it."""
+    if threads is None:
+        yield
+        return
+    before = {name: os.environ.get(name) for name in _VARIABLES}
+    os.environ.update(dict.fromkeys(_VARIABLES, str(threads)))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -6,6 +6,7 @@ import hashlib
 import logging
 from pathlib import Path
 
+from gscpe.batch.instructions import photo_fingerprint
 from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.datasets import Dataset
 from gscpe.errors import OutputError, SplatError
@@ -94,7 +95,7 @@ def _check_what_was_written(
 
 
 def _recipe(dataset: Dataset, splat: Path, settings: BenchmarkSettings) -> str:
-    """A hash of all that a map is made of; of photos, only the names."""
+    """A hash of all that a map is made of."""
     known = hashlib.sha256()
     try:
         with splat.open("rb") as file:
@@ -104,6 +105,7 @@ def _recipe(dataset: Dataset, splat: Path, settings: BenchmarkSettings) -> str:
     references = dataset.references
     known.update(references.cam_from_world.tobytes())
     cameras = [camera.colmap_text() for camera in references.cameras]
-    known.update(repr((references.names, cameras)).encode())
+    photos = [photo_fingerprint(dataset.image_folder / name) for name in references.names]
+    known.update(repr((references.names, cameras, photos)).encode())
     known.update(repr((settings.retrieval, dataset.metres_per_unit)).encode())
     return known.hexdigest() + "\n"

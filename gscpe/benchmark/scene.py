@@ -134,6 +134,7 @@ def localize_queries(
         localizer or settings.localizer,
         settings.matcher,
         settings.backend,
+        timeout=settings.timeout,
     )
     files = ListFiles(paths.details(variant))
     if not variant:

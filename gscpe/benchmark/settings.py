@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gscpe.batch import TIMEOUT
 from gscpe.errors import SettingsError
 from gscpe.localization import LocalizerSettings
 from gscpe.report import ReportSettings
@@ -21,6 +22,7 @@ class BenchmarkSettings:
         check_frames: refuse a splat that does not look like the references from their poses.
         workers: processes; None: what is faster here.
         scheduler: address of a Dask scheduler, instead of processes.
+        timeout: seconds for a photo; see :class:`gscpe.batch.Instructions`.
         resume: keep the map and what is localized already, where they still hold.
         limit: localize so many of the queries, evenly spread; None: all.
         report: of the HTML page; None: write none.
@@ -33,6 +35,7 @@ class BenchmarkSettings:
     check_frames: bool = True
     workers: int | None = None
     scheduler: str | None = None
+    timeout: float = TIMEOUT
     resume: bool = False
     limit: int | None = None
     report: ReportSettings | None = field(default_factory=ReportSettings)

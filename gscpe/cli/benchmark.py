@@ -11,7 +11,14 @@ from typing import Sequence
 
 from gscpe.benchmark import BenchmarkSettings, ScenePaths, benchmark_scene, run_ablation
 from gscpe.cli.benchmark_kinds import add_kinds
-from gscpe.cli.common import Commands, add_backend, add_matcher, add_workers, show_progress
+from gscpe.cli.common import (
+    Commands,
+    add_backend,
+    add_matcher,
+    add_timeout,
+    add_workers,
+    show_progress,
+)
 from gscpe.datasets import Dataset
 from gscpe.errors import SettingsError
 from gscpe.evaluation import SceneRun
@@ -61,6 +68,7 @@ def add_parser(commands: Commands) -> None:
         help=f"how photos are described: {', '.join(METHODS)} (default: %(default)s)",
     )
     add_workers(common)
+    add_timeout(common)
     add_matcher(common)
     add_backend(common)
     common.add_argument("-v", "--verbose", action="store_true", help="log what happens")
@@ -83,6 +91,7 @@ def run(options: argparse.Namespace) -> int:
         check_frames=not options.no_check,
         workers=options.workers,
         scheduler=options.scheduler,
+        timeout=options.timeout or BenchmarkSettings.timeout,
         resume=options.resume,
         limit=options.limit,
         report=None if options.no_report else ReportSettings(date=time.strftime("%Y-%m-%d %H:%M")),

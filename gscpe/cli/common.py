@@ -7,6 +7,8 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from gscpe.batch import TIMEOUT
+
 if TYPE_CHECKING:  # argparse keeps the class private
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
 else:
@@ -57,6 +59,17 @@ def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
     )
 
 
+def add_timeout(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """``--timeout``, beside :func:`add_workers`."""
+    parser.add_argument(
+        "--timeout",
+        metavar="SECONDS",
+        type=_positive,
+        help="a worker that takes longer for a photo hangs: another one takes its place, and the "
+        f"photo has failed (default: {TIMEOUT:g}; not with one worker)",
+    )
+
+
 def _positive(text: str) -> int:
     if not (text.isdecimal() and int(text)):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
@@ -70,4 +83,4 @@ def print_json(data: Any) -> None:
 
 def show_progress() -> bool:
     """Progress bars are for people, not for log files."""
-    return sys.stderr.isatty()
+    return sys.stderr is not None and sys.stderr.isatty()

@@ -11,19 +11,21 @@ import numpy as np
 
 from gscpe import __version__
 from gscpe.cli.common import Commands
-from gscpe.errors import GscpeError, RenderError
+from gscpe.errors import ModelError, RenderError
 from gscpe.geometry import Camera
-from gscpe.models import installed_files
+from gscpe.models import installed_files, models_folder
 from gscpe.render import RenderedView, Renderer, choose_backend, driver_info
 from gscpe.render.context import opengl_facts
+from gscpe.render.cpu_rasterizer import kept_in
 from gscpe.render.diagnosis import OpenGLFacts, findings
 from gscpe.scene import GaussianScene
 
 _REQUIRED = (
-    *("moderngl", "numpy", "scipy", "opencv-contrib-python-headless"),
+    *("numpy", "scipy", "opencv-contrib-python-headless"),
     *("onnxruntime", "platformdirs", "scikit-image", "tqdm", "trimesh"),
 )
 _OPTIONAL = {
+    "moderngl": "rendering with OpenGL (it has no wheel for Arm Linux)",
     "numba": "rendering on the CPU, several times faster than OpenGL in software",
     "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
     "onnx": "making trained networks: gscpe models install",
@@ -56,6 +58,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _print_models() -> bool:
     """Whether no installed network is damaged; one that is missing is optional."""
+    try:
+        _line("models are in", str(models_folder()))
+    except ModelError as error:
+        _line("models are in", f"no folder: {error}")
     files = installed_files()
     for model in sorted({file.model for file in files}):
         states = {file.state for file in files if file.model == model}
@@ -91,7 +97,10 @@ def _try(backend: str) -> RenderedView | None:
     try:
         with Renderer(tiny_scene(), backend) as renderer:
             view = renderer.render(_CAMERA, np.eye(4))
-    except GscpeError as error:
+            if backend == "cpu":
+                where = kept_in() or "no folder: each process compiles it (set NUMBA_CACHE_DIR)"
+                _line("compiled code is kept in", where)
+    except Exception as error:  # whatever it is, it is to be told here
         _line(f"rendering with {backend}", f"FAILED: {error}")
         return None
     if not np.isfinite(view.rgb).all() or float(view.opacity.max()) < 0.5:

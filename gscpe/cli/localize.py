@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.batch import (
+    TIMEOUT,
     Instructions,
     ListFiles,
     check_outputs,
@@ -20,6 +21,7 @@ from gscpe.cli.common import (
     Commands,
     add_backend,
     add_matcher,
+    add_timeout,
     add_workers,
     print_json,
     show_progress,
@@ -83,6 +85,7 @@ def add_parser(commands: Commands) -> None:
         "evaluate reads; photos that it lacks begin without",
     )
     add_workers(many)
+    add_timeout(many)
     parser.add_argument(
         "--retrieval-model",
         metavar="ONNX",
@@ -103,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     one = {"json", "prior"}
     many = {
         *("images", "output", "coarse_output", "details"),
-        *("resume", "priors", "workers", "scheduler"),
+        *("resume", "priors", "workers", "scheduler", "timeout"),
     }
     alien = sorted(name for name in (one if listed else many) if getattr(options, name))
     if alien:
@@ -191,6 +194,7 @@ def _localize_queries(options: argparse.Namespace) -> int:
         options.matcher,
         options.backend,
         priors,
+        options.timeout or TIMEOUT,
     )
     coarse = None if options.coarse_output is None else Path(options.coarse_output)
     details, _ = localize_to_files(

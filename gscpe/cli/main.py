@@ -8,8 +8,6 @@ import os
 import sys
 from typing import NoReturn, Sequence
 
-import cv2
-
 from gscpe import __version__
 from gscpe.cli import (
     benchmark,
@@ -23,12 +21,16 @@ from gscpe.cli import (
     render,
     train,
 )
-from gscpe.errors import GscpeError
+from gscpe.cli.streams import log_to_stderr, say, usable_streams
+from gscpe.errors import GscpeError, ran_out_of_memory
+from gscpe.interrupts import Terminated, terminated_like_interrupts
 
 _COMMANDS = (
     *(demo, train, build_map, localize, benchmark, evaluate, convert_poses, render, models),
     doctor,
 )
+
+_SMALLER = "take fewer workers, smaller photos or a smaller map, or allow more"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -40,26 +42,44 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; the return value is the exit status: 0 done, 1 nothing was
-    localized or something is missing, 2 bad input, 3 a map was written that is not good,
-    130 interrupted."""
-    options = _parse(arguments)
-    _log_to_stderr(logging.DEBUG if options.verbose else logging.WARNING)
+    localized or something is missing, 2 bad input, 3 out of memory, 4 a map was written that is not
+    good, 130 interrupted, 143 ended by SIGTERM."""
+    with usable_streams():
+        options = _parse(arguments)
+        level = logging.DEBUG if options.verbose else logging.WARNING
+        with log_to_stderr(level), terminated_like_interrupts():
+            return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    who = f"gscpe {options.command}"
     try:
         status = int(options.run(options))
         sys.stdout.flush()
         return status
-    except GscpeError as error:
-        print(f"gscpe {options.command}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
     except BrokenPipeError:  # the reader has enough, as in: gscpe evaluate ... | head -1
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # what no typed error foresaw: a full disk, a name too long
-        print(f"gscpe {options.command}: {error}", file=sys.stderr)
-        return 2
+    except Terminated as end:
+        say(f"{who}: {end}")
+        return end.status
     except KeyboardInterrupt:
-        print(f"gscpe {options.command}: interrupted", file=sys.stderr)
+        say(f"{who}: interrupted")
         return 130
+    except Exception as error:
+        if ran_out_of_memory(error):
+            what = _one_line(error)
+            say(f"{who}: out of memory{f' ({what})' if what else ''}: {_SMALLER}")
+            return 3
+        # An OSError is what no typed error foresaw: a full disk, a name too long.
+        if isinstance(error, (GscpeError, OSError)):
+            say(f"{who}: {_one_line(error)}")
+            return 2
+        raise
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -73,17 +93,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     for each in commands.choices.values():
         each.add_argument("-v", "--verbose", action="store_true", help="log what happens")
     return parser.parse_args(arguments)
-
-
-def _log_to_stderr(level: int) -> None:
-    """gscpe's own messages; those of the libraries below it would only disturb."""
-    handler = logging.StreamHandler()
-    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
-    logger = logging.getLogger("gscpe")
-    logger.handlers = [handler]
-    logger.setLevel(level)
-    logger.propagate = False
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 if __name__ == "__main__":

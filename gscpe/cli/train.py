@@ -98,7 +98,8 @@ def run(options: argparse.Namespace) -> int:
         raise
     which = f"{done.left_out} photos left out" if done.left_out else "photos trained on"
     print(
-        f"{options.output}: {done.gaussians} Gaussians from {done.learned} photos; "
+        f"{options.output}: {done.gaussians} Gaussians from {done.learned} photos in "
+        f"{done.iterations} iterations; "
         f"PSNR of {which}: {done.likeness.psnr:.2f} dB, "
         f"{done.likeness.fitted_psnr:.2f} with gain and bias fitted"
     )

@@ -13,6 +13,7 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import MissingDependencyError, SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
+from gscpe.interrupts import handlers_kept
 
 Solver = Literal["auto", "pycolmap", "opencv"]
 
@@ -88,7 +89,8 @@ def _pycolmap(
     camera: Camera,
     settings: RansacSettings,
 ) -> Float64Array | None:
-    import pycolmap
+    with handlers_kept():
+        import pycolmap
 
     options = pycolmap.AbsolutePoseEstimationOptions()
     options.ransac.max_error = settings.inlier_pixels

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,7 +65,9 @@ def run_demo(
         Path(output).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{output} cannot be written: {error.strerror}") from error
-    with tqdm(total=4, disable=not progress, bar_format="{desc:<28}{bar}{elapsed}") as bar:
+    with tqdm(
+        total=4, disable=not (progress and sys.stderr), bar_format="{desc:<28}{bar}{elapsed}"
+    ) as bar:
         bar.set_description_str("loading the photos")
         backend, chosen = choose_backend(backend), make_matcher(matcher)
         pair = load_motorcycle()

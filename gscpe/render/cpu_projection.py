@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from gscpe.render.compiled import compiled
 
 TILE = 16
 """Width and height of a tile in pixels, a power of two."""
@@ -27,7 +28,7 @@ LOW_PASS = _F(0.3)
 _SHIFT = 4  # TILE = 1 << _SHIFT
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _store_colour(records, i, sh, g, dx, dy, dz):
     """Evaluates spherical harmonics in the unit direction from the camera to the Gaussian."""
     coefficients = sh.shape[1]
@@ -60,26 +61,26 @@ def _store_colour(records, i, sh, g, dx, dy, dz):
         records[i, RED + k] = max(colour, _F(0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def _view_depth(mean, row):
     """As visibility_order.view_depths: without fast mathematics, so that the bits agree."""
     return ((mean[0] * row[0] + mean[1] * row[1]) + mean[2] * row[2]) + row[3]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _first_pixel(edge, size):
     """The first pixel whose centre lies beyond an edge, ``size`` if none. Rounding must not
     lose one, so the edge gets a hundredth of a pixel of margin."""
     return np.int32(min(max(edge + _F(0.49), _F(0.0)), size))
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _last_pixel(edge, size):
     """The last pixel whose centre lies before an edge, -1 if none."""
     return np.int32(min(max(edge + _F(0.51), _F(0.0)), size)) - np.int32(1)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutoff):
     """The tiles that an ellipse touches: a first and a last column for each of its rows of
     tiles, none if last < first."""
@@ -108,7 +109,7 @@ def _find_spans(spans, used, first_row, rows, width, u, v, reach, a, b, c, cutof
             spans[used + k, 1] = last_pixel >> _SHIFT
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+@compiled(fastmath=FAST, inline=True)
 def image_slope(view, fx, fy, sx, sy, inverse_z):
     """J, 2x3 by rows: how the pixel moves with the point in the world."""
     a0, c0 = fx * inverse_z, -fx * sx * inverse_z
@@ -123,7 +124,7 @@ def image_slope(view, fx, fy, sx, sy, inverse_z):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+@compiled(fastmath=FAST, inline=True)
 def rotation_of(qw, qx, qy, qz):
     """The rotation of a unit quaternion, 3x3 by rows."""
     one, two = _F(1.0), _F(2.0)
@@ -140,7 +141,7 @@ def rotation_of(qw, qx, qy, qz):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def project(  # noqa: PLR0915 - one formula after the other; a call each would cost time
     begin, end, task, positions, means, quaternions, scales, opacities, sh, order,
     view, centre, intrinsics, limits, stretch, size, near, antialiased,

@@ -7,6 +7,7 @@ faster than software OpenGL (docs/benchmarks.md).
 from __future__ import annotations
 
 import logging
+import sys
 
 import numpy as np
 from tqdm import tqdm
@@ -31,6 +32,18 @@ def is_available() -> bool:
     except ImportError:
         return False
     return True
+
+
+def kept_in() -> str | None:
+    """The folder of the compiled loops, or None where each process compiles them.
+
+    Raises:
+        ImportError: Numba is not installed.
+    """
+    from gscpe.render import cpu_projection
+
+    path: str | None = cpu_projection.project.stats.cache_path
+    return path
 
 
 class CpuRasterizer:
@@ -93,7 +106,7 @@ class CpuRasterizer:
                 desc="compiling the CPU rasterizer (once)",
                 bar_format="{desc} {bar} {elapsed}",
                 leave=False,
-                disable=not progress,
+                disable=not (progress and sys.stderr),
             ) as bar,
             self._threads.compiling(bar.update),
         ):

@@ -29,6 +29,12 @@ VARIABLES = (
 # What the attempts to make a context report: a pattern, what it means, what to do. 0x3001 is
 # EGL_NOT_INITIALIZED, 0x3009 EGL_BAD_MATCH.
 _ERRORS = (
+    (
+        r"needs moderngl",
+        "moderngl is missing, which reaches OpenGL; the CPU rasterizer does without (Arm Linux has "
+        "no wheel of it)",
+        "pip install moderngl (on Arm Linux this compiles it: a C++ compiler is needed)",
+    ),
     (r"libEGL\S* not loaded", "libEGL is missing; contexts without a window need it", MESA),
     (r"libGL\b\S* not loaded", "libGL is missing", MESA),
     (r"eglQueryDevicesEXT not found", "libEGL is too old to list its devices", _UPDATE),

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, Callable, Iterable, Iterator
 
 from gscpe.cores import available_cores
+from gscpe.interrupts import interrupts_later
 
 
 class KernelThreads:
@@ -60,24 +59,3 @@ def in_parts(count: int, size: int) -> list[tuple[int, int]]:
     """Ranges of ``size`` that make up ``count``. At least one, so that every kernel runs, and is
     compiled, whatever is in view."""
     return [(begin, min(begin + size, count)) for begin in range(0, count, size)] or [(0, 0)]
-
-
-@contextmanager
-def interrupts_later() -> Iterator[list[int]]:
-    """Holds Ctrl-C back until the end, and lists what was held back.
-
-    An exception inside a callback of the compiler is lost, or ends as a SystemError; and one
-    between two loops would leave work half done. Signals reach only the main thread, and only
-    there can they be handled. A process that ignores Ctrl-C (in the background) still does."""
-    received: list[int] = []
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    if not in_main_thread or signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-        yield received
-        return
-    before = signal.signal(signal.SIGINT, lambda number, _: received.append(number))
-    try:
-        yield received
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
-        if received:
-            signal.raise_signal(signal.SIGINT)

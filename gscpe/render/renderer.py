@@ -10,8 +10,8 @@ from gscpe.closing import Closing
 from gscpe.errors import CameraError, ClosedError, RenderError, SplatError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
+from gscpe.render.context import import_moderngl
 from gscpe.render.cpu_rasterizer import CpuRasterizer
-from gscpe.render.gl_thread import GlThread
 from gscpe.render.rasterizer import Rasterizer, choose_backend
 from gscpe.render.view import RenderedView
 from gscpe.scene.gaussians import GaussianScene
@@ -43,7 +43,7 @@ class Renderer(Closing):
             )
         chosen = choose_backend(backend)
         self._rasterizer: Rasterizer | None = (
-            GlThread(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
+            _gl_rasterizer(scene) if chosen == "gl" else CpuRasterizer(scene, progress=progress)
         )
         self.description = self._rasterizer.description
         self._origin = scene.origin
@@ -87,3 +87,10 @@ class Renderer(Closing):
             if self._rasterizer is not None:
                 self._rasterizer.close()
                 self._rasterizer = None
+
+
+def _gl_rasterizer(scene: GaussianScene) -> Rasterizer:
+    import_moderngl()
+    from gscpe.render.gl_thread import GlThread
+
+    return GlThread(scene)

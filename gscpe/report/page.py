@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import sys
 from importlib import resources
 from pathlib import Path
 from typing import Any, Mapping, Sequence
@@ -64,7 +65,7 @@ def write_report(
     shown = select_queries(run.details, errors["final"], metric, settings)
     drawn = [
         draw_query(run.details[item.index], localizer, matcher, Path(image_folder), settings)
-        for item in tqdm(shown, desc="drawing queries", disable=not progress)
+        for item in tqdm(shown, desc="drawing queries", disable=not (progress and sys.stderr))
     ]
     names = [str(run.details[item.index]["name"]) for item in shown]
     links = {n: f"#{card_id(item.index)}" for n, item in zip(names, shown, strict=True)}

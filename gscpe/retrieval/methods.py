@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Iterable, Sequence
 
@@ -168,5 +169,7 @@ def _local_descriptors(kind: str) -> LocalDescriptors:
 
 
 def _shown(indices: Iterable[int], what: str, progress: bool) -> Iterable[int]:
-    bar: Iterable[int] = tqdm(indices, desc=what, unit="photo", disable=not progress)
+    bar: Iterable[int] = tqdm(
+        indices, desc=what, unit="photo", disable=not (progress and sys.stderr)
+    )
     return bar

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Mapping
 
 from gscpe.errors import MapError, MissingDependencyError, OutputError
+from gscpe.interrupts import interrupts_later
 from gscpe.scene.map import Map
 from gscpe.scene.map_contents import (
     COMPRESSED,
@@ -32,6 +33,8 @@ _SEAL = "map.json"
 def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
     """Writes a map folder; an existing gscpe map there is replaced once the new one is whole.
 
+    Where the folder is a symbolic link, what it leads to is written or replaced.
+
     Args:
         compress: store the Gaussians as ``.spz`` and the descriptors in half precision: less
             than a fifth of the size, and rounded (docs/formats.md says how much that costs).
@@ -44,7 +47,7 @@ def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
     """
     if not isinstance(map_, Map):
         raise MapError(f"save_map saves a Map, not {_kind(map_)}; build_map makes one of a splat")
-    folder = Path(folder).absolute()
+    folder = _behind_link(folder)
     check_map_output(folder, compress=compress)
     contents = to_contents(map_, compress)
     manifest = {
@@ -61,12 +64,13 @@ def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
         for name, data in contents.items():
             (partial / name).write_bytes(data)
         (partial / _SEAL).write_text(json.dumps(manifest, indent=2) + "\n")
-        if folder.exists():
-            shutil.rmtree(folder)
-        partial.rename(folder)
-    except OSError as error:
+        with interrupts_later():  # or there could be neither map
+            _replace(folder, partial)
+    except BaseException as error:  # Ctrl-C too
         shutil.rmtree(partial, ignore_errors=True)
-        raise OutputError(f"map {folder} cannot be written: {error}") from error
+        if isinstance(error, OSError):
+            raise OutputError(f"map {folder} cannot be written: {error}") from error
+        raise
 
 
 def check_map_output(folder: str | Path, *, compress: bool = False) -> None:
@@ -74,7 +78,7 @@ def check_map_output(folder: str | Path, *, compress: bool = False) -> None:
 
     Where it is to be compressed, and gaussforge is not installed: MissingDependencyError.
     """
-    folder = Path(folder).absolute()
+    folder = _behind_link(folder)
     if compress:
         require_gaussforge(f"map {folder} cannot be compressed")
     if folder.exists() and not _is_replaceable(folder):
@@ -125,6 +129,35 @@ def _temporary_beside(folder: Path) -> Path:
         return path
     except OSError as error:
         raise OutputError(f"map {folder} cannot be written: {error.strerror}") from error
+
+
+def _behind_link(folder: str | Path) -> Path:
+    """The absolute path, and of a symbolic link that of what it leads to, which may be missing."""
+    folder = Path(folder).absolute()
+    if not folder.is_symlink():
+        return folder
+    try:
+        target = folder.resolve()
+        if not target.is_symlink():
+            return target
+    except (OSError, RuntimeError):  # differs between versions of Python
+        pass
+    raise OutputError(f"map {folder} cannot be written: it is a link that leads to itself")
+
+
+def _replace(folder: Path, partial: Path) -> None:
+    """Puts the new map in the place of an old one, which comes back where that fails."""
+    if not folder.exists():
+        partial.rename(folder)
+        return
+    old = partial.with_name(f"{partial.name}.old")
+    folder.rename(old)
+    try:
+        partial.rename(folder)
+    except OSError:
+        old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _is_replaceable(folder: Path) -> bool:

@@ -62,7 +62,9 @@ _ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".s
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Writes beside the file and renames, so that no half-written file is ever there."""
+    """Writes beside the file and renames, so that no half-written file is ever there. A link
+    stays one, and what it leads to is replaced."""
+    path = path.resolve()
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -70,5 +72,5 @@ def _replace(path: Path, data: bytes) -> None:
         Path(name).chmod(0o644)
         os.replace(name, path)
     except BaseException:
-        Path(name).unlink()
+        Path(name).unlink(missing_ok=True)
         raise

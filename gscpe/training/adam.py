@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_projection import FAST
 from gscpe.training.backward_projection import (
     COLOUR,
@@ -39,7 +39,7 @@ CORRECTIONS = np.stack(
 _LOGIT_BOUND, _LOG_SCALE_BOUND = _F(12.0), _F(30.0)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def update_gaussians(  # noqa: PLR0915 - all that is to be done for a Gaussian, once read
     begin, end, keys, gradients, rates, harmonics_rate, opacity_pull, scale_pull, half_side,
     corrections, means, log_scales, scales, quaternions, logits, opacities, sh, first, second,

@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_compositing import BLOCK, MAX_ALPHA, PLANE, ellipse_alpha, live_rows
 from gscpe.render.cpu_projection import (
     BLUE,
@@ -46,7 +46,7 @@ _F = np.float32
 _U64 = np.uint64
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _add_ellipse(
     planes, first, last, u, v, a, b, c, opacity, limit, red, green, blue, sums, entry
 ):  # fmt: skip
@@ -94,7 +94,7 @@ def _add_ellipse(
     sums[entry, W_BLUE] = w_blue
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _load_tile(planes, left, top, rgb, opacity, rgb_gradient, opacity_gradient):
     """Fills planes for a tile; pixels beyond the image have no gradient."""
     height, width = opacity.shape
@@ -112,7 +112,7 @@ def _load_tile(planes, left, top, rgb, opacity, rgb_gradient, opacity_gradient):
             planes[5 * PLANE + k] = opacity_gradient[y, x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def sum_tiles(
     begin, end, records, starts, entries, columns, rgb, opacity, rgb_gradient, opacity_gradient,
     sums, ends,
@@ -153,7 +153,7 @@ def sum_tiles(
                 break
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def add_up_entries(first, last, starts, ends, entries, sums, totals):
     """Adds the sums of the entries of slots first to last - 1 to their totals, tile after tile:
     an order that no number of threads changes."""

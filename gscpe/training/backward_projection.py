@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_projection import (
     DEPTH,
     FAST,
@@ -34,7 +34,7 @@ _F = np.float32
 _TINY = _F(1e-30)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def parameter_gradients(  # noqa: PLR0915 - one formula after the other, as in project
     begin, end, task, records, keys, totals, means, quaternions, scales, opacities, sh,
     view, centre, intrinsics, limits, antialiased, gradients, pose_gradients,

@@ -10,13 +10,14 @@ import numpy as np
 
 from gscpe.errors import OutputError, SettingsError, TrainingError
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.photo import Photo, read_image, resized_photo, to_photo
+from gscpe.scene.image_file import read_image_of
+from gscpe.scene.photo import Photo, resized_photo, to_photo
 from gscpe.scene.references import References
 from gscpe.scene.write_splat import write_splat
 from gscpe.training.evaluation import Likeness, likeness
 from gscpe.training.loop import LEAST_PHOTOS, train
 from gscpe.training.points import read_colmap_points
-from gscpe.training.progress import Listener
+from gscpe.training.progress import Listener, Progress
 from gscpe.training.settings import TrainingSettings
 from gscpe.training.triangulation import triangulated_points
 
@@ -31,12 +32,14 @@ class TrainedSplat:
 
     Attributes:
         gaussians: their number.
+        iterations: of the training, all starts together; 0 if the checkpoint was at the end.
         learned: photos that it was trained on.
         left_out: photos that it was not.
         likeness: of those left out; of some that it was trained on, where none were.
     """
 
     gaussians: int
+    iterations: int
     learned: int
     left_out: int
     likeness: Likeness
@@ -107,7 +110,14 @@ def train_from_colmap(
         points = triangulated_points(model_folder, image_folder)
     photos = [_photo(references, i, Path(image_folder), max_size) for i in learn]
     poses = references.cam_from_world
-    scene = train(photos, poses[learn], points, settings, progress, checkpoint, resume)
+    last: list[Progress] = []
+
+    def tell(news: Progress) -> None:
+        last[:] = [news]
+        if progress is not None:
+            progress(news)
+
+    scene = train(photos, poses[learn], points, settings, tell, checkpoint, resume)
     write_splat(scene, output)
     checkpoint.unlink()
     if test:
@@ -116,13 +126,14 @@ def train_from_colmap(
     else:
         some = np.linspace(0, len(learn) - 1, min(len(learn), _MOST_EVALUATED)).astype(int)
         alike = likeness(scene, [photos[i] for i in some], poses[learn][some])
-    return TrainedSplat(len(scene), len(learn), len(test), alike)
+    iterations = last[0].iteration if last else 0
+    return TrainedSplat(len(scene), iterations, len(learn), len(test), alike)
 
 
 def _photo(references: References, index: int, folder: Path, max_size: int) -> Photo:
     path = folder / references.names[index]
     camera = references.cameras[index]
-    image = read_image(path)
+    image = read_image_of(path, camera)
     camera.check_fits(image.shape, f"photo {path}")
     photo = to_photo(image, camera)
     scale = max_size / max(camera.width, camera.height)

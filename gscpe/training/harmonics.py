@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_projection import FAST
 
 _F = np.float32
@@ -17,7 +17,7 @@ _C12, _C14 = _F(0.3731763325901154), _F(1.445305721320277)
 C0 = _F(0.28209479177387814)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def fill_basis(basis, count, x, y, z):
     """The first ``count`` (1, 4, 9 or 16) harmonics of a unit direction."""
     basis[0] = C0
@@ -39,7 +39,7 @@ def fill_basis(basis, count, x, y, z):
             basis[15] = -_C9 * x * (xx - three * yy)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def slope_of_sum(s, count, x, y, z):
     """The gradient of ``sum of s[k] * basis[k]`` with respect to the direction, as if x, y and z
     were free."""

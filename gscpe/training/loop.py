@@ -10,9 +10,10 @@ from typing import Sequence
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.errors import TrainingError
+from gscpe.errors import CameraError, TrainingError
 from gscpe.geometry.se3 import check_transform
-from gscpe.render.kernel_threads import KernelThreads, interrupts_later
+from gscpe.interrupts import interrupts_later
+from gscpe.render.kernel_threads import KernelThreads
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.photo import Photo
 from gscpe.training.checkpoint import (
@@ -65,6 +66,7 @@ def train(
         TrainingError: there are too few photos, as many poses there are not, a checkpoint does not
             fit, or the training diverged.
         PoseError: a pose is not a rigid transform.
+        CameraError: a photo has lens distortion, or is of another size than its camera.
         OutputError: a checkpoint cannot be written.
     """
     begin = time.perf_counter()
@@ -125,6 +127,10 @@ def _checked(photos: Sequence[Photo], cam_from_world: Float64Array) -> Float64Ar
         )
     if len(photos) != len(cam_from_world):
         raise TrainingError(f"{len(photos)} photos, but {len(cam_from_world)} poses")
+    for number, photo in enumerate(photos):
+        if not photo.camera.is_pinhole:
+            raise CameraError(f"photo {number} has lens distortion; undistort it with to_photo")
+        photo.camera.check_fits(photo.rgb.shape, f"photo {number}")
     return np.stack(
         [
             check_transform(pose, f"cam_from_world of photo {i}")

@@ -9,8 +9,8 @@ nothing.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from gscpe.render.compiled import compiled
 from gscpe.render.cpu_projection import FAST
 
 HALF = 5
@@ -30,7 +30,7 @@ _WINDOW = (np.exp(_EXPONENTS) / np.exp(_EXPONENTS).sum()).astype(np.float32)
 _W0, _W1, _W2, _W3, _W4, _W5 = (_F(w) for w in _WINDOW[HALF:])
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def expose(begin, end, width, rgb, opacity, background, gains, biases, photo, valid, shown, wanted):
     """Rows begin to end of what is compared: ``gain * (render over background) + bias`` in
     shown, the photo in wanted, both in [0, 1] and flat. Nothing where valid, (H, W) or (0, 0),
@@ -47,7 +47,7 @@ def expose(begin, end, width, rgb, opacity, background, gains, biases, photo, va
                 wanted[at + 3 * x + c] = keep * _F(photo[y, x, c]) * _F(1.0 / 255.0)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+@compiled(fastmath=FAST, inline=True)
 def _blurred(row, k, step):
     """The window's mean of a buffer around k."""
     return (
@@ -60,7 +60,7 @@ def _blurred(row, k, step):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _blur_products(rows, n, shown, wanted, at):
     """The vertical blur of x, y, x^2, y^2 and x y into five rows, each after HALF * 3 zeros."""
     length, step, margin = _U64(n + 6 * HALF), _U64(n), _U64(3 * HALF)
@@ -83,7 +83,7 @@ def _blur_products(rows, n, shown, wanted, at):
         rows[margin + _U64(4) * length + k] = sxy
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _compare(rows, n, slopes, plane, at):
     """SSIM of a row, summed; its slopes with respect to the means of x, x^2 and x y go into three
     planes."""
@@ -112,7 +112,7 @@ def _compare(rows, n, slopes, plane, at):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def compare_rows(begin, end, width, shown, wanted, slopes, statistics):
     """SSIM of the rows begin to end, and its slopes; slopes holds three flat images."""
     n, plane = 3 * width, len(shown)
@@ -123,7 +123,7 @@ def compare_rows(begin, end, width, shown, wanted, slopes, statistics):
         statistics[y, SIMILARITY] = _compare(rows, n, slopes, _U64(plane), at)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _blur_slopes(rows, n, slopes, plane, at):
     """The vertical blur of three planes into three rows, each after HALF * 3 zeros."""
     length, step, margin = _U64(n + 6 * HALF), _U64(n), _U64(3 * HALF)
@@ -134,7 +134,7 @@ def _blur_slopes(rows, n, slopes, plane, at):
         rows[margin + _U64(2) * length + k] = _blurred(slopes, p + _U64(2) * plane, step)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST)
 def _row_gradient(rows, n, shown, wanted, at, l1, ssim, gradient):
     """The gradient of the loss with respect to a row of shown; its absolute and squared error."""
     length, three, margin = _U64(n + 6 * HALF), _U64(3), _U64(3 * HALF)
@@ -152,7 +152,7 @@ def _row_gradient(rows, n, shown, wanted, at, l1, ssim, gradient):
     return absolute, squared
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
 def gradient_rows(
     begin, end, width, shown, wanted, slopes, l1, ssim, rgb, opacity, background, gains, valid,
     rgb_gradient, opacity_gradient, statistics,

@@ -61,7 +61,7 @@ class TrainingSettings:
     colour_rate: float = 2.5e-3
     rates_end: float = 0.4
     harmonics_rate: float = 0.1
-    exposure_rate: float = 0.01
+    exposure_rate: float = 0.005
     opacity_weight: float = 0.001
     scale_weight: float = 0.01
     densify_from: float = 0.08

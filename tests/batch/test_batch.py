@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,12 +16,12 @@ from numpy.typing import NDArray
 from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.batch import check_outputs, localize_list, read_details, write_poses
 from gscpe.coarse import CoarseResult
-from gscpe.errors import OutputError
+from gscpe.errors import OutputError, RenderError
 from gscpe.geometry import Camera, se3
 from gscpe.localization import Attempt, Start
 from gscpe.refinement import RefinementResult
 from gscpe.scene import to_photo, write_image
-from gscpe.scene.poses.hloc import read_poses
+from gscpe.scene.poses.hloc import format_pose, read_poses
 from gscpe.scene.query_list import Query
 
 CAMERA = Camera.pinhole(16, 12, fx=14, fy=14, cx=8, cy=6)
@@ -138,7 +139,7 @@ def test_each_line_is_on_disk_before_the_next_photo(folder: Path) -> None:
             self, image: NDArray[np.uint8], camera: Camera, prior: PosePrior | None = None
         ) -> LocalizationResult:
             lengths.append(len(lines_of(folder)))
-            return super().localize(image, camera)
+            return super().localize(image, camera, prior)
 
     run(Watching(), folder)
     assert lengths == [0, 1, 2, 3, 4]
@@ -153,6 +154,63 @@ def test_resuming_goes_on_from_there(folder: Path) -> None:
     assert [detail["name"] for detail in details] == [f"photos/{n}.png" for n in "abcde"]
     assert details == run(Stub(), folder)  # as if it had never been interrupted
     assert run(Stub(interrupt_at=0), folder, resume=True) == details  # nothing is left to do
+
+
+def test_a_photo_that_changed_is_done_again(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Under the same name, of the same size, and of the same time."""
+    run(Stub(), folder)
+    changed = folder / "photos" / "c.png"
+    time = changed.stat().st_mtime_ns
+    write_image(changed, np.full((12, 16, 3), 9, np.uint8))
+    os.utime(changed, ns=(time, time))
+    stub = Stub()
+    with caplog.at_level(logging.WARNING):
+        details = run(stub, folder, resume=True)
+    assert stub.seen == [9]
+    assert details[2]["cam_from_world"] == format_pose(pose_of(9))
+    (record,) = caplog.records
+    assert record.getMessage().startswith("1 photos are done again: their files have changed")
+    assert run(Stub(interrupt_at=0), folder, resume=True) == details  # that is noted, too
+
+
+def test_a_photo_that_memory_is_short_for_fails_alone(folder: Path) -> None:
+    class Small(Stub):
+        def localize(
+            self, image: NDArray[np.uint8], camera: Camera, prior: PosePrior | None = None
+        ) -> LocalizationResult:
+            if image[0, 0, 0] == 2:
+                raise MemoryError("Unable to allocate 3 GiB")
+            if image[0, 0, 0] == 3:
+                raise RenderError("no memory to render") from MemoryError()
+            return super().localize(image, camera, prior)
+
+    details = run(Small(), folder)
+    statuses = [detail["status"] for detail in details]
+    assert statuses == ["localized", "failed", "failed", "localized", "localized"]
+    assert "not enough memory" in details[1]["reason"]
+    assert "b.png" in details[1]["reason"]
+
+
+def test_a_name_that_is_no_text_is_written_as_it_is(tmp_path: Path) -> None:
+    """After all work, nothing may fail for a name."""
+    detail = {"name": "\udcff.png", "status": "localized", "cam_from_world": "1 0 0 0 0 0 0"}
+    write_poses([detail], tmp_path / "poses.txt", "final")
+    assert (tmp_path / "poses.txt").read_bytes() == b"\xff.png 1 0 0 0 0 0 0\n"
+
+
+def test_outputs_may_be_links(folder: Path) -> None:
+    """They stay links, also before there is what they lead to."""
+    link, target = folder / "d.jsonl", folder / "elsewhere.jsonl"
+    link.symlink_to(target)
+    check_outputs([link])
+    assert link.is_symlink()
+    assert not target.exists()
+    queries = [Query("photos/a.png", CAMERA)]
+    for _ in range(2):
+        localize_list(cast(Localizer, Stub()), queries, folder, link)
+        assert link.is_symlink()
+    assert list(read_details(target)) == ["photos/a.png"]
+    assert list(read_details(folder / "elsewhere.jsonl.bak")) == ["photos/a.png"]
 
 
 def test_a_line_that_was_cut_off_is_done_again(

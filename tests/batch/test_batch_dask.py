@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Iterator
 
 import pytest
 from batch_room import CAMERA, QUERIES, TRAP, RoomFolder, make_room, run, wait_until
 
 from gscpe.batch import make_crew, read_details
-from gscpe.batch.dask_crew import DaskCrew
 from gscpe.cli.main import main
 from gscpe.errors import MapError, MissingDependencyError, SettingsError, WorkerError
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("distributed") is None,
-    reason="Dask is not installed (pip install 'gscpe[dask]')",
-)
+pytest.importorskip("distributed", reason="Dask is not installed (pip install 'gscpe[dask]')")
+
+from gscpe.batch.dask_crew import DaskCrew, LocalizerPlugin
+
 needs_pipes = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
 
 
@@ -106,6 +105,26 @@ def test_a_query_that_kills_its_workers_fails_alone(
     room_folder.disarm()
     wait_until(lambda: len(cluster.scheduler.workers) == 2)
     assert run(crew, (TRAP, *QUERIES)) == expected
+
+
+@needs_pipes
+def test_a_worker_that_hangs_begins_anew(room_folder: RoomFolder) -> None:
+    """In a new thread, with the map opened again; the photo has failed."""
+    expected = room_folder.expected
+    plugin = LocalizerPlugin("here", room_folder.instructions)
+    dask_worker: Any = SimpleNamespace(address="here", state=SimpleNamespace(nthreads=1))
+    plugin.setup(dask_worker)
+    assert "threads" in plugin.description()
+    patient = plugin._instructions
+    plugin._instructions = replace(patient, timeout=0.3)  # for the trap alone
+    room_folder.set_trap()
+    hung = plugin.localize(TRAP)
+    plugin._instructions = patient
+    assert (hung["status"], hung["reason"]) == ("failed", "its worker hung (no answer for 0.3 s)")
+    detail = plugin.localize(QUERIES[0])
+    assert detail["cam_from_world"] == expected[QUERIES[0].name]["cam_from_world"]
+    os.close(os.open(room_folder.path / "photos" / TRAP.name, os.O_WRONLY))  # the hang ends
+    plugin.teardown(dask_worker)
 
 
 def test_the_command_line(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,11 @@ from gscpe.batch import (
     read_details,
 )
 from gscpe.batch.details import failed_details
-from gscpe.batch.fingerprint import map_fingerprint, settings_fingerprint
+from gscpe.batch.instructions import (
+    map_fingerprint,
+    photo_fingerprint,
+    settings_fingerprint,
+)
 from gscpe.cores import available_cores
 from gscpe.errors import MapError, ModelError, OutputError, SettingsError
 from gscpe.localization.settings import LocalizerSettings
@@ -37,6 +42,7 @@ class Backwards:
     """A crew that finishes the last query first, and is interrupted after some."""
 
     description = "backwards"
+    image_folder = Path("nowhere")
 
     def __init__(self, fingerprint: Fingerprint | None = HERE, finishes: int = 99) -> None:
         self.fingerprint = fingerprint
@@ -107,7 +113,7 @@ def test_details_of_before_there_were_fingerprints(
     with caplog.at_level(logging.WARNING):
         localize(known, tmp_path, resume=True)
     assert len(known.seen) == 5
-    assert "or before that was noted" in caplog.text
+    assert "or that was not noted yet" in caplog.text
 
 
 def test_a_crews_system_error_is_not_taken_for_the_files(tmp_path: Path) -> None:
@@ -152,6 +158,27 @@ def test_a_matchers_file_counts_and_not_its_path(tmp_path: Path) -> None:
     assert of("a.onnx") != of("b.onnx")
     with pytest.raises(ModelError, match=r"c\.onnx cannot be read"):
         of("c.onnx")
+
+
+def test_a_photos_fingerprint_is_of_its_bytes(tmp_path: Path) -> None:
+    """Not of its size and its time, which a copy may share."""
+    (tmp_path / "a").write_bytes(b"one photo")
+    (tmp_path / "b").write_bytes(b"one photo")
+    (tmp_path / "c").write_bytes(b"one Photo")
+    for name in "abc":
+        os.utime(tmp_path / name, (1, 1))
+    a, b, c = (photo_fingerprint(tmp_path / name) for name in "abc")
+    assert a == b != c
+    assert a is not None and len(a) == 12
+    assert photo_fingerprint(tmp_path / "absent") is None
+    assert photo_fingerprint(tmp_path) is None
+
+
+def test_timeouts_that_are_none(tmp_path: Path) -> None:
+    (tmp_path / "map.json").write_text("{}")
+    for timeout in (0.0, -1.0, float("nan")):
+        with pytest.raises(SettingsError, match="timeout must be positive"):
+            Instructions.of(tmp_path, tmp_path, matcher="sift", timeout=timeout)
 
 
 def test_how_many_workers_a_list_is_worth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

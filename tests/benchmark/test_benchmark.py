@@ -16,6 +16,7 @@ from dataset_folders import wxyz
 from scenes import room, write_colmap_model
 
 from gscpe.benchmark import BenchmarkSettings, ScenePaths, benchmark_scene
+from gscpe.benchmark.dataset_map import _recipe
 from gscpe.benchmark.scene import chosen_queries
 from gscpe.cli.main import main
 from gscpe.datasets import Dataset, read_seven_scenes
@@ -130,6 +131,16 @@ def test_resuming_keeps_what_still_holds(root: Path, results: Path, tmp_path: Pa
     assert (paths.map / "map.json").stat().st_mtime_ns == map_before
     assert paths.details().read_text() == record
     assert len(run.poses("final")) == 4
+
+    # A reference photo changed under its name: no map is kept that was made of the old one.
+    first = dataset.image_folder / dataset.references.names[0]
+    recipe, photo = _recipe(dataset, splat, settings), first.read_bytes()
+    try:
+        first.write_bytes(photo[:-1] + b"?")
+        assert _recipe(dataset, splat, settings) != recipe
+    finally:
+        first.write_bytes(photo)
+    assert _recipe(dataset, splat, settings) == recipe
 
     # Another splat: the map is made anew, and so are the poses.
     shot = room().shoot(CAMERA, BASE)

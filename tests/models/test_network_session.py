@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -42,6 +44,19 @@ def test_a_network_runs(logarithm: Path) -> None:
     x = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], dtype=np.float32)
     (y,) = Network(logarithm, LOGARITHM, threads=1).run({"x": x})
     np.testing.assert_allclose(y, np.log(x), rtol=1e-6)
+
+
+def test_onnxruntime_writes_no_telemetry(logarithm: Path, tmp_path: Path) -> None:
+    """Left alone, it keeps a device id and events in the user's cache from its import on."""
+    home = tmp_path / "home"
+    home.mkdir()
+    program = "import sys; from gscpe.models import open_session; open_session(sys.argv[1], 1)"
+    keep = ("PATH", "PYTHONPATH", "SYSTEMROOT", "LD_LIBRARY_PATH")
+    environment = {name: os.environ[name] for name in keep if name in os.environ}
+    environment |= {"HOME": str(home), "USERPROFILE": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
+    # The tests of a continuous integration have it off anyway.
+    subprocess.run([sys.executable, "-c", program, str(logarithm)], env=environment, check=True)
+    assert list(home.rglob("*")) == []
 
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, np.nan])

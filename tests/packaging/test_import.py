@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 HEAVY = (
-    *("faiss", "gaussforge", "jinja2", "matplotlib", "numba", "onnx", "onnxruntime", "PIL"),
+    *("faiss", "gaussforge", "jinja2", "matplotlib", "moderngl", "numba", "onnx", "onnxruntime"),
+    "PIL",
     *("pycolmap", "scipy", "skimage", "trimesh"),
 )
 

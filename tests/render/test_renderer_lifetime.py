@@ -211,7 +211,8 @@ def test_without_numba_the_remedy_is_named(
     scene: GaussianScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "numba", None)
-    for module in ("gscpe.render.cpu_projection", "gscpe.render.cpu_compositing"):
+    for name in ("compiled", "cpu_projection", "cpu_compositing"):
+        module = f"gscpe.render.{name}"
         monkeypatch.delitem(sys.modules, module, raising=False)
         monkeypatch.delattr(module, raising=False)
     assert not cpu_rasterizer.is_available()

@@ -268,6 +268,17 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(
     assert len(read_splat(path)) == 5
 
 
+def test_what_a_link_leads_to_is_replaced(tmp_path: Path, rng: np.random.Generator) -> None:
+    target, link = tmp_path / "a.ply", tmp_path / "current.ply"
+    target.write_bytes(b"old")
+    link.symlink_to(target.name)
+    scene = random_scene(rng, 5, sh_degree=0)
+    write_splat(scene, link)
+    assert link.is_symlink()
+    assert len(read_splat(target)) == 5
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a.ply", "current.ply"]
+
+
 def test_a_folder_is_in_the_way(tmp_path: Path, rng: np.random.Generator) -> None:
     (tmp_path / "a.ply").mkdir()
     (tmp_path / "file").write_text("hello")

@@ -24,7 +24,10 @@ NAMES = ("means", "log_scales", "quaternions", "logits", "sh")
 CAMERA = Camera.pinhole(44, 35, fx=40.0, fy=37.0, cx=20.5, cy=18.0)
 
 
-def arrays(scene: GaussianScene) -> tuple[NDArray[np.float32], ...]:
+Floats = NDArray[np.float32]
+
+
+def arrays(scene: GaussianScene) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     return scene.means, scene.quaternions, scene.scales, scene.opacities, scene.sh
 
 

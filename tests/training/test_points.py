@@ -52,7 +52,7 @@ def test_photos_that_look_elsewhere_are_not_paired() -> None:
 
 
 def test_first_gaussians_are_as_wide_as_their_neighbours_are_away() -> None:
-    grid = 0.1 * np.stack(np.mgrid[:7, :7, :7], axis=-1).reshape(-1, 3).astype(np.float64)
+    grid = 0.1 * np.moveaxis(np.mgrid[:7, :7, :7], 0, -1).reshape(-1, 3).astype(np.float64)
     colours = np.tile(np.array([[255, 0, 51]], dtype=np.uint8), (len(grid), 1))
     parameters = first_gaussians(PointCloud(grid, colours), 5.0, TrainingSettings())
     np.testing.assert_allclose(parameters.scales, 0.1, rtol=1e-5)

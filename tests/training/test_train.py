@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera
 
-from gscpe.errors import OutputError, TrainingError
+from gscpe.errors import CameraError, OutputError, PoseError, TrainingError
 from gscpe.geometry import se3
 from gscpe.scene import GaussianScene, Photo
 
@@ -219,3 +219,11 @@ def test_bad_input() -> None:
         train(photos[:2], poses[:2], points, SETTINGS)
     with pytest.raises(TrainingError, match="10 photos, but 4 poses"):
         train(photos, poses[:4], points, SETTINGS)
+    with pytest.raises(PoseError, match="photo 9 is not a rigid transform"):
+        train(photos, np.concatenate([poses[:9], 2 * poses[9:]]), points, SETTINGS)
+    bent = dataclasses.replace(photos[3].camera, distortion=(0.1, *(0.0,) * 7))
+    with pytest.raises(CameraError, match="photo 3 has lens distortion"):
+        train([*photos[:3], Photo(photos[3].rgb, bent), *photos[4:]], poses, points, SETTINGS)
+    with pytest.raises(CameraError, match="photo 1 is 64x47"):
+        small = Photo(photos[1].rgb[1:], photos[1].camera)
+        train([photos[0], small, *photos[2:]], poses, points, SETTINGS)

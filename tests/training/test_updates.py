@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers import random_scene, simple_camera
@@ -237,6 +239,6 @@ def test_by_iterations_the_schedule_is_exact() -> None:
         {"seed": -1},
     ],
 )
-def test_settings_out_of_range(wrong: dict[str, object]) -> None:
+def test_settings_out_of_range(wrong: dict[str, Any]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         TrainingSettings(**wrong)
