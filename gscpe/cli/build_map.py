@@ -24,7 +24,7 @@ from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.moved import move_references, move_scene
 
-_NOT_GOOD = 3
+_NOT_GOOD = 4
 """Exit status: the map was written, but its references do not come back to their own poses."""
 
 

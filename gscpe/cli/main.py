@@ -36,7 +36,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; the return value is the exit status: 0 done, 1 nothing was
-    localized or something is missing, 2 bad input, 3 a map was written that is not good,
+    localized or something is missing, 2 bad input, 4 a map was written that is not good,
     130 interrupted."""
     options = _parse(arguments)
     _log_to_stderr(logging.DEBUG if options.verbose else logging.WARNING)

@@ -107,7 +107,7 @@ def measure_misfit(
     matcher: Matcher | str | None = None,
     progress: bool = False,
 ) -> Misfit:
-    """The same, however large it is: :attr:`Misfit.splat_from_model` mends it (see
+    """The same, however large it is: ``Misfit.splat_from_model`` mends it (see
     gscpe.scene.moved). Arguments as :func:`check_frames`.
 
     Raises:

@@ -80,7 +80,6 @@ def test_the_right_frame_is_accepted_in_silence(
     "model_moved",
     [
         moved(shift=(0.05, 0, 0)),
-        moved(shift=(0.1, 0.1, -0.1)),
         moved(rotation=(0, 1, 0)),
         moved(scale=1.3),
         moved(scale=1.1, rotation=(0.5, -1.0, 0.5), shift=(0.05, -0.05, 0.0)),
