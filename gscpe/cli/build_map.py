@@ -26,7 +26,7 @@ from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.moved import move_references, move_scene
 from gscpe.scene.splat_kind import may_have_other_axes
 
-_NOT_GOOD = 3
+_NOT_GOOD = 4
 """Exit status: the map was written, but its references do not come back to their own poses."""
 
 

@@ -96,7 +96,7 @@ def test_a_map_whose_references_do_not_come_back_has_a_status_of_its_own(
 ) -> None:
     """The measuring of the frames is put off, so that the check of the finished map must tell."""
     monkeypatch.setattr("gscpe.cli.build_map.check_frames", lambda *_, **__: None)
-    assert place.build() == 3
+    assert place.build() == 4
     err = capsys.readouterr().err
     assert "is written, but it is not good: 0 of 4 reference photos" in err
     assert (place.folder / "m.gsmap" / "map.json").is_file()
