@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry import se3
 from gscpe.geometry.pose_error import camera_centre
@@ -38,15 +39,21 @@ def main() -> None:
         shift = np.array([aside, 0, 0])
         return Similarity(scale, turn, middle - scale * turn @ middle + shift)
 
-    def report(name: str, moved: Similarity, poses: References, splat: GaussianScene) -> None:
-        """``moved``: what splat_from_model undoes."""
+    def report(
+        name: str,
+        moved: Similarity,
+        poses: References,
+        splat: GaussianScene,
+        true_centres: Float64Array,
+    ) -> None:
+        """``moved`` is what splat_from_model must undo; the centres are in the splat."""
         try:
             misfit = measure_misfit(splat, poses, data / "references")
         except MapError as error:
             print(f"| {name} | {error} | | | | |")
             return
         left = misfit.splat_from_model @ moved
-        off = np.linalg.norm(left.apply(centres) - centres, axis=1).mean()
+        off = np.linalg.norm(left.apply(true_centres) - true_centres, axis=1).mean()
         print(
             f"| {name} | {misfit.verdict(FrameCheckSettings())} "
             f"| {misfit.splat_from_model.scale:.4f} ({1.0 / moved.scale:.4f}) "
@@ -69,11 +76,15 @@ def main() -> None:
     }
     print(f"{_HEADER}\n|---|---|---|---|---|---|")
     for name, moved in moves.items():
-        report(name, moved, move_references(references, moved), scene)
+        report(name, moved, move_references(references, moved), scene, centres)
     normalization = nerfstudio_normalization(references, Similarity.identity())
-    # Here the splat is moved; what remains is given in its units, of which the model has fewer.
-    splat = move_scene(scene, normalization)
-    report("nothing, the splat by nerfstudio", normalization.inverse(), references, splat)
+    report(
+        "nothing, the splat by nerfstudio",
+        normalization.inverse(),
+        references,
+        move_scene(scene, normalization),
+        normalization.apply(centres),
+    )
 
 
 if __name__ == "__main__":
