@@ -54,6 +54,7 @@ def ablate(localizer: Localizer, cases: Sequence[Case]) -> None:
                     refined.cam_from_world,
                     refined.covariance,
                     settings.fusion,
+                    refined.unshared,
                 )
             final.append(start.error(localizer, pose))
         rows.append([name, *_both(aligned), *_both(final), f"{np.median(seconds):.3f}"])

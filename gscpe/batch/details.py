@@ -85,6 +85,7 @@ def failed_details(query: Query, reason: str) -> Detail:
         "cam_from_world": None,
         "started_from": None,
         "reference": None,
+        "orientation": 1,
         "hypotheses": 0,
         "coarse": None,
         "aligned": None,

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from gscpe.arrays import BoolArray, Float64Array
+from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.render import RenderedView
-
-if TYPE_CHECKING:
-    from gscpe.refinement.lucas_kanade import Alignment
 
 
 class RefinementObserver:

@@ -188,7 +188,8 @@ def _opengl_facts() -> OpenGLFacts:
     )
     if context is None:
         return facts
-    info = describe(context)
+    with context:
+        info = describe(context)
     context.release()
     if info.version_code < REQUIRED_GL:
         old = ContextFailure(info.reached_by, f"the driver is too old: {info.version}")
@@ -222,7 +223,8 @@ def driver_info() -> DriverInfo:
 def _driver_info() -> DriverInfo:
     context = create_context()
     try:
-        return describe(context)
+        with context:  # at the end it is not current any more, and can really be released
+            return describe(context)
     finally:
         context.release()
 
