@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find where a photo was taken, inside a 3D Gaussian splat.
 
     camera = gscpe.Camera.pinhole(640, 480, fx=525.5, fy=525.5, cx=320.0, cy=240.0)
@@ -15,11 +16,13 @@ from gscpe.coarse import (
     CoarseObserver,
     CoarseResult,
     CoarseSettings,
+    FocalEstimate,
     FocalSettings,
     PnPSettings,
 )
 from gscpe.errors import (
     CameraError,
+    ClosedError,
     ColmapModelError,
     DatasetError,
     GscpeError,
@@ -34,6 +37,7 @@ from gscpe.errors import (
     RenderError,
     SettingsError,
     SplatError,
+    TrainingError,
     WorkerError,
 )
 from gscpe.geometry import Camera, PoseDifference, pose_difference
@@ -149,6 +153,9 @@ __all__ = [
     "BenchmarkSettings",
     "Camera",
     "CameraError",
+    "ClosedError",
+    "FocalEstimate",
+    "TrainingError",
     "CheckedReference",
     "ClippingSettings",
     "CoarseObserver",

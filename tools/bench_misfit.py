@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well build-map measures misfits: RedKitchen's model is moved by known similarities.
 
     GSCPE_DATA=DATA .venv/bin/python tools/bench_misfit.py

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of a data set's references, made anew only where something has changed."""
 
 from __future__ import annotations

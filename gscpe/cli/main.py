@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe``: reads the arguments, runs a subcommand, and turns errors into one line."""
 
 from __future__ import annotations

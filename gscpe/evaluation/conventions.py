@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether poses are wrong because they are of another convention, or of another world.
 
 Inverted poses, a quaternion in another order, and OpenGL's axes are plain mistakes with large

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion, with or without a scale, that best moves one set of points onto another.
 
 S. Umeyama, "Least-squares estimation of transformation parameters between two point

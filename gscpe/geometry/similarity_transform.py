@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Similarities, ``x_b = scale * rotation @ x_a + translation``, and their fit to poses.
 
 The fit to points is in gscpe.geometry.alignment.

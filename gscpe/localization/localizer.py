@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pipeline: one persistent object, one call a photo."""
 
 from __future__ import annotations
@@ -201,7 +202,7 @@ class Localizer(Closing):
     def _estimate_camera(self, image: UInt8Array, guess: Camera | None) -> Camera:
         if not len(self.map.references):
             raise MapError("a map without reference photos cannot tell a camera's focal length")
-        image = check_image(image)
+        image = check_image(image, transparent=True)
         photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
         longer_side = max(photo.camera.width, photo.camera.height)
         larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)

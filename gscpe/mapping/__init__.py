@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Making maps: from a trained splat and its photos, or from one RGB-D photo; and whether they are
 good: whether splat and poses fit, and whether references come back to their own poses."""
 

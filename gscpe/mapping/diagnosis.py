@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What may be wrong with a splat whose renders do not look like the photos: what was seen comes
 first, and a guess only where a test supports it."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames that splats are found in, when they are not in that of their model: what trainers and
 editors do to a scene before they export it."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a splat and its reference poses are in the same frame, and how to bring them there."""
 
 from __future__ import annotations

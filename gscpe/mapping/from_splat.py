@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A map from a trained splat and the photos that it was trained on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much renders look like the photos of their poses: quick, small, and for any hypothesis
 about how splat and poses go together."""
 

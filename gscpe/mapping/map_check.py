@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The strongest check of a finished map: its own reference photos are localized in it, and must
 come back to their own poses."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The misfit of a splat and its reference poses, measured: where the cameras really are in the
 splat, and the similarity that takes the poses there."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The photos of the references, read when they are needed."""
 
 from __future__ import annotations

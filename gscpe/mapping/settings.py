@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of what is checked when maps are built."""
 
 from __future__ import annotations

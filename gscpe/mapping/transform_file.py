@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that say what was done to a scene before its splat was trained or exported."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A splat and references under a similarity: turned, scaled and shifted into another frame."""
 
 from __future__ import annotations

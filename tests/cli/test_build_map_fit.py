@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe build-map`` where splat and model do not fit: refused, fitted, transformed, checked."""
 
 from __future__ import annotations

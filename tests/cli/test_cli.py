@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The other subcommands: build-map, render, evaluate, doctor."""
 
 from __future__ import annotations

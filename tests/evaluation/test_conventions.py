@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses of another convention or frame are recognized; bad poses are not explained away."""
 
 from __future__ import annotations

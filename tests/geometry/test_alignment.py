@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Umeyama's alignment: exact on exact points, least squares on others, never a mirror image."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Similarities form a group, and are found again from what they moved."""
 
 from __future__ import annotations

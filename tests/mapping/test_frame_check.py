@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a splat and reference poses fit is measured; what does not is refused, by its right name."""
 
 from __future__ import annotations

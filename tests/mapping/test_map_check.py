@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A finished map is good when its own references come back to their own poses."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Transforms in files: nerfstudio's, and plain matrices."""
 
 from __future__ import annotations

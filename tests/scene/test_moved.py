@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A splat under a similarity is rendered as before by cameras that move with it."""
 
 from __future__ import annotations
