@@ -225,7 +225,7 @@ def test_a_line_that_was_cut_off_is_done_again(
     with caplog.at_level(logging.WARNING):
         run(stub, folder, resume=True)
     assert stub.seen == [3, 4, 5]
-    assert "incomplete line is left out" in caplog.text
+    assert "ignoring an incomplete line" in caplog.text
     assert path.read_bytes() == whole
 
 

@@ -113,7 +113,7 @@ def test_details_of_before_there_were_fingerprints(
     with caplog.at_level(logging.WARNING):
         localize(known, tmp_path, resume=True)
     assert len(known.seen) == 5
-    assert "or that was not noted yet" in caplog.text
+    assert "or this was not recorded" in caplog.text
 
 
 def test_a_crews_system_error_is_not_taken_for_the_files(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_gpu_without_its_driver() -> None:
 
 
 def test_no_gpu_at_all() -> None:
-    assert "no GPU can be seen" in text_of(SOFTWARE)
+    assert "no GPU was found" in text_of(SOFTWARE)
     assert "pip install 'gscpe[cpu]'" not in text_of(SOFTWARE)
     assert "pip install 'gscpe[cpu]'" in text_of(replace(SOFTWARE, has_numba=False))
 

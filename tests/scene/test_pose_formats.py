@@ -344,8 +344,8 @@ def test_conversions_by_command(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["p.txt", "p.txt"], "is the input too"),
-        (["p.txt", "out.xyz"], "does not tell the form"),
+        (["p.txt", "p.txt"], "is also the input"),
+        (["p.txt", "out.xyz"], "does not say which form"),
         (["p.txt", "out.txt", "--to", "pgt"], "needs the focal length of a.png"),
         (["p.txt", "out.txt", "--from", "colmap"], "line 1: expected 'IMAGE_ID"),
         (["absent.txt", "out.txt"], "cannot be read"),
