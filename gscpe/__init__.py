@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find where a photo was taken, inside a 3D Gaussian splat.
 
     camera = gscpe.Camera.pinhole(640, 480, fx=525.5, fy=525.5, cx=320.0, cy=240.0)
@@ -15,11 +16,13 @@ from gscpe.coarse import (
     CoarseObserver,
     CoarseResult,
     CoarseSettings,
+    FocalEstimate,
     FocalSettings,
     PnPSettings,
 )
 from gscpe.errors import (
     CameraError,
+    ClosedError,
     ColmapModelError,
     DatasetError,
     GscpeError,
@@ -34,9 +37,11 @@ from gscpe.errors import (
     RenderError,
     SettingsError,
     SplatError,
+    TrainingError,
     WorkerError,
 )
 from gscpe.geometry import Camera, PoseDifference, pose_difference
+from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import (
     Attempt,
     FusionSettings,
@@ -49,13 +54,22 @@ from gscpe.localization import (
     VerificationSettings,
 )
 from gscpe.mapping import (
+    CheckedReference,
+    FrameCheckSettings,
+    MapCheck,
+    MapCheckSettings,
     MapSettings,
+    Misfit,
     RgbdMapSettings,
     build_map,
     check_frames,
+    check_map,
     map_from_rgbd,
     map_without_references,
+    measure_misfit,
+    read_transform,
     scene_from_rgbd,
+    with_fitting_axes,
 )
 from gscpe.matching import Matcher, Matches, make_matcher
 from gscpe.refinement import (
@@ -75,6 +89,7 @@ from gscpe.scene import (
     GaussianScene,
     GlobalDescriptors,
     Map,
+    MapFrame,
     Photo,
     References,
     camera_from_exif,
@@ -87,6 +102,7 @@ from gscpe.scene import (
     write_splat,
 )
 from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.moved import move_references, move_scene
 from gscpe.scene.poses import PoseFile, read_pose_file, write_pose_file
 from gscpe.scene.query_list import Query, read_query_list
 
@@ -137,7 +153,9 @@ __all__ = [
     "BenchmarkSettings",
     "Camera",
     "CameraError",
+    "CheckedReference",
     "ClippingSettings",
+    "ClosedError",
     "CoarseObserver",
     "CoarseResult",
     "CoarseSettings",
@@ -146,7 +164,9 @@ __all__ = [
     "DatasetError",
     "DescriberModel",
     "Evaluation",
+    "FocalEstimate",
     "FocalSettings",
+    "FrameCheckSettings",
     "FusionSettings",
     "GaussianScene",
     "GlobalDescriptors",
@@ -158,10 +178,14 @@ __all__ = [
     "LocalizerSettings",
     "LucasKanadeSettings",
     "Map",
+    "MapCheck",
+    "MapCheckSettings",
     "MapError",
+    "MapFrame",
     "MapSettings",
     "Matcher",
     "Matches",
+    "Misfit",
     "MissingDependencyError",
     "ModelError",
     "Observer",
@@ -187,8 +211,10 @@ __all__ = [
     "RgbdMapSettings",
     "SceneRun",
     "SettingsError",
+    "Similarity",
     "SplatError",
     "Start",
+    "TrainingError",
     "UncertaintySettings",
     "VerificationSettings",
     "VisibilitySettings",
@@ -197,10 +223,14 @@ __all__ = [
     "build_map",
     "camera_from_exif",
     "check_frames",
+    "check_map",
     "evaluate",
     "make_matcher",
     "map_from_rgbd",
     "map_without_references",
+    "measure_misfit",
+    "move_references",
+    "move_scene",
     "open_map",
     "pose_difference",
     "read_cambridge",
@@ -213,10 +243,12 @@ __all__ = [
     "read_rgbd_folder",
     "read_seven_scenes",
     "read_splat",
+    "read_transform",
     "read_transforms",
     "save_map",
     "scene_from_rgbd",
     "to_photo",
+    "with_fitting_axes",
     "write_image",
     "write_pose_file",
     "write_splat",

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Everything about gscpe that must be seen on a real graphics driver, as one page of Markdown.
 #
 # Usage: tools/bench_gpu.sh [MAP_OR_PLY [PHOTO...]]      (PYTHON=... for another interpreter)

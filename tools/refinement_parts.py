@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each part of the refinement is for: parts left out, and photos that were changed."""
 
 from __future__ import annotations

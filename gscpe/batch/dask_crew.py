@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The crew of a cluster: the workers of a Dask scheduler, and what runs on them.
 
 This needs Dask to be imported; :func:`gscpe.batch.make_crew` does so where a scheduler is given.

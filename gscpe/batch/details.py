@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A query's result as plain data, one JSON object a line (docs/formats.md)."""
 
 from __future__ import annotations

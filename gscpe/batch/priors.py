@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One prior a photo of a list: read from a pose file, and part of the fingerprint."""
 
 from __future__ import annotations

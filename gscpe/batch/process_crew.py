@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The crew of all cores: workers in processes, one renderer and some of the threads each.
 
 A process is started, talked to through a pipe, and replaced when it dies.

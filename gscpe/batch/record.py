@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of what is finished: one JSON object a line, so that it can be resumed.
 
 A photo that cannot be read fails alone. The pose files are written from the record, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A list from instructions to files, also where it is interrupted: whether they can be written,
 and the pose files."""
 

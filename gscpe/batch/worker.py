@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One worker: a Localizer and a folder of photos; a query in, a detail out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe benchmark``: a data set from end to end."""
 
 from __future__ import annotations

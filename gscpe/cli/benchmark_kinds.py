@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kinds of data sets that ``gscpe benchmark`` reads, and what each must be told."""
 
 from __future__ import annotations

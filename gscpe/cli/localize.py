@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe localize``: one photo, or a list of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The focal length of an unknown camera, from matches with the map."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From what a reader found to a Dataset, alike for all readers."""
 
 from __future__ import annotations

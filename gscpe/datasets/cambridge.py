@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cambridge Landmarks: Kendall, Grimes, Cipolla, "PoseNet", ICCV 2015."""
 
 from __future__ import annotations

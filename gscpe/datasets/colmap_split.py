@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any COLMAP model, split into references and queries, or with a query list of hloc's form."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """FAST-LIVO2 (LiDAR, inertial, visual): its photos, trajectory and calibration.
 
 Zheng et al., "FAST-LIVO2: Fast, Direct LiDAR-Inertial-Visual Odometry", IEEE T-RO 2024;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text files of data sets: read whole, with errors that say where a missing one comes from."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """transforms.json of nerfstudio and instant-ngp, and the Blender scenes of NeRF.
 
 https://docs.nerf.studio/quickstart/data_conventions.html

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras of VisualSFM's NVM_V3 files, and its lens distortion as COLMAP's FULL_OPENCV.
 
 A line a camera: ``file focal qw qx qy qz cx cy cz radial 0``; http://ccwu.me/vsfm/doc.html#nvm.

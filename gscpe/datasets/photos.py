@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of data sets on disk: which there are, what they are called, how large they are."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plain folders of RGB-D photos with poses: one camera, photos, and poses in one of two forms."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera intrinsics in COLMAP's pixel convention, and the COLMAP camera models."""
 
 from __future__ import annotations

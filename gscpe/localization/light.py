@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a photo is too dark or too bright to show anything."""
 
 from __future__ import annotations

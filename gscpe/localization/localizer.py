@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pipeline: one persistent object, one call a photo."""
 
 from __future__ import annotations
@@ -207,7 +208,7 @@ class Localizer(Closing):
                 "a focal length cannot be estimated with a map without reference photos; give "
                 "the camera"
             )
-        image = check_image(image)
+        image = check_image(image, transparent=True)
         photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
         longer_side = max(photo.camera.width, photo.camera.height)
         larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a pose can be trusted. A wrong pose is worse than none."""
 
 from __future__ import annotations

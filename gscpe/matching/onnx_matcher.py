@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any two-image matcher in an ONNX file, whose form docs/formats.md describes."""
 
 from __future__ import annotations

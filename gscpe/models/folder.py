@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The user's model folder: ``MODEL/NETWORK.onnx`` with a manifest, licence and attribution."""
 
 from __future__ import annotations

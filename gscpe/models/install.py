@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Installs a model: fetches its weights, checks them, and writes ONNX graphs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opens and runs networks with onnxruntime, with typed errors."""
 
 from __future__ import annotations

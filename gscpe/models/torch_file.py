@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensors of a PyTorch checkpoint, read without PyTorch and without running what is in it.
 
 The format: a zip archive with a pickle (``data.pkl``), which names storages, and their

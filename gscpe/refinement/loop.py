@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The refinement loop (paper, Algorithm 2)."""
 
 from __future__ import annotations

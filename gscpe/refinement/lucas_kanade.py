@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inverse-compositional Lucas-Kanade over SE(3), gain and bias (design: docs/how-it-works.md).
 
 Baker and Matthews, "Lucas-Kanade 20 years on" (IJCV 2004), with a rendered template that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Looks on while a pose is refined: for tools that measure, and for pictures of the way."""
 
 from __future__ import annotations

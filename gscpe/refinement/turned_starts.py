@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tries turned cameras on the smallest image, where an alignment costs next to nothing.
 
 A camera that is turned by a few degrees moves the picture by more than the smallest image's

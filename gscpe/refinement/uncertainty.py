@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How sure an alignment is, judged by what it could not explain.
 
 Where photo and render differ, they differ over whole regions: the map is a little off there, or

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiles a loop with Numba, and keeps it on disk where there is a place for that.
 
 Numba compiles anew what has changed in a loop's own file; of a change in this one it knows nothing

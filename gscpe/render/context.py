@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Creates off-screen OpenGL contexts, and finds out what stands in the way of one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Why there is no OpenGL, or only slow OpenGL, and what to do: pure functions of facts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How alike two images of a scene look, whatever the illumination."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures inside the page: data URIs, no larger together than they may be."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The methods by name: describing a map's references, and queries alike."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A global descriptor that was exported to ONNX, such as NetVLAD, EigenPlaces or MegaLoc.
 
 ``NAME.onnx`` has the input "image", (1, 3, H, W) float32 RGB, and as its first output the

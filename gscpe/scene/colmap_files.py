@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads the files of a COLMAP model, binary or text, as far as poses and cameras go.
 
 https://colmap.github.io/format.html. Read here and not by pycolmap, because that cuts names at

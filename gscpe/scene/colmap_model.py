@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reference poses and cameras from a COLMAP model."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians as ``.spz`` with few that do not fit its rounding kept apart, exactly.
 
 The format rounds all coordinates alike, to a share of the largest, and holds scales of seven

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Image files as 8-bit RGB, whatever they hold: more bits, floats, transparency, HEIC."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map folder: everything that localization needs, in one place that can be moved.
 
 Layout (docs/formats.md): ``map.json`` (format, version, size and CRC-32 of the other

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How large photos are, and cameras of photos that were made smaller since."""
 
 from __future__ import annotations

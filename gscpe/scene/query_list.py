@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Query photos: hloc's lists, ``name MODEL width height params...``, names alone, folders."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which format a splat file is in: its first bytes decide, its ending only where they cannot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the columns of a splat file to Gaussians: activations, and rows that are of no use.
 
 Trainers and editors leave a few bad rows among millions: NaN where an optimizer diverged, zeros

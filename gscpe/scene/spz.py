@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians as the bytes of Niantic's ``.spz`` (version 3), through gaussforge.
 
 Source of the layout: the README of github.com/nianticlabs/spz. A gzip stream begins with

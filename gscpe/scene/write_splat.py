@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes a GaussianScene to a splat file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a training needs to go on as if nothing had happened, in one file."""
 
 from __future__ import annotations

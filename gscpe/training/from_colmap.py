@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a COLMAP model and its photos to a splat file."""
 
 from __future__ import annotations

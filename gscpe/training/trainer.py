@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An iteration of training: render, compare, take the gradients back, update."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Points for a model that has poses but no points: SIFT matches, triangulated by pycolmap."""
 
 from __future__ import annotations

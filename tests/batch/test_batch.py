@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lists of photos: one bad photo harms no other, and what is finished is never lost."""
 
 from __future__ import annotations

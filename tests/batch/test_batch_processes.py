@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Workers in processes: as one process would, whoever is killed meanwhile."""
 
 from __future__ import annotations

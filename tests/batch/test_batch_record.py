@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of what is finished: in any order, with the map and the settings that it was of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bad input: exit status 2 and exactly one line that names what is wrong. Never a traceback."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe localize``: one photo, lists of them, and going on after an interruption."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe localize --queries --priors``: where each photo probably was taken."""
 
 from __future__ import annotations

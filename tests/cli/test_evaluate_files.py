@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe evaluate`` on files of different forms, and against the 7-Scenes protocol."""
 
 from __future__ import annotations

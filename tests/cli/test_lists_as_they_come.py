@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole runs on photos as they come: blanks in names, a folder, names alone, half the size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What surrounds a command: streams, signals, memory, homes, packages that have no wheel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Focal lengths from matches, and cameras from photos: right, or left open."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Splits as documented, subsets and copies of data sets, and every missing file named."""
 
 from __future__ import annotations

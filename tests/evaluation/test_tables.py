@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of a benchmark: their numbers, and four ways to write them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Views that hardly determine the pose: no answer, or one whose covariance admits the error.
 
 Maps of one ray-cast RGB-D photo; queries 5 cm and 1.5 degrees beside it, with noise. Whatever

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole runs on photos that are dark, white, partly transparent, or of a fisheye."""
 
 from __future__ import annotations

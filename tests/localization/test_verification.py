@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every doubt has its reason, and a sound result has none."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Matchers in ONNX files, on small real ones whose answers are known."""
 
 from __future__ import annotations

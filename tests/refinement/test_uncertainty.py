@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The covariance of an alignment, against errors that are known.
 
 NEES is the squared error in units of the covariance; 6 on average when it is right.

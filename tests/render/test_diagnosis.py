@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Explanations of what stands in OpenGL's way, from made-up facts and from broken set-ups."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renderers over time: memory, several at once, closing, and what they refuse."""
 
 from __future__ import annotations

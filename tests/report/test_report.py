@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a run: all numbers, no network, harmless names, and true pictures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exported global descriptors: what goes in, what comes out, and damage that is noticed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The search of references: exact for few, by an index for many."""
 
 from __future__ import annotations

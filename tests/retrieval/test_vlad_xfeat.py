@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """VLAD of XFeat, and maps that are described by it."""
 
 from __future__ import annotations

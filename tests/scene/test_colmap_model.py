@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """COLMAP models as they come: unused cameras, smaller photos, blanks, rigs, no points, damage."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compressed maps: what rounding changes, and damage that is noticed."""
 
 from __future__ import annotations

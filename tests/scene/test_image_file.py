@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of more bits, of floats, with transparency, and HEIC: read right, or told why not."""
 
 from __future__ import annotations

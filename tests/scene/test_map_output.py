@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing maps where one must not or cannot: an OutputError, and nothing lost or left behind."""
 
 from __future__ import annotations

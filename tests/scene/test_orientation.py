@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos that are stored turned: pixels, cameras and poses turn alike."""
 
 from __future__ import annotations

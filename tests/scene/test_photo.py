@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos: decoded as stored, undistorted to a fraction of a pixel, refused with a reason."""
 
 from __future__ import annotations

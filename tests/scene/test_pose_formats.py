@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose files of every form: read back as written, told from each other, bad lines named."""
 
 from __future__ import annotations

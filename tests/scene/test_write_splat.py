@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing splats: what comes back, what the formats cannot hold, and outputs that fail."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The baseline of tools/bench_refinement.py differentiates exactly and comes nearer."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tools/bench_refinement.py makes of photos, starts and times."""
 
 from __future__ import annotations

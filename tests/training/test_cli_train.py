@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe train``: a whole run, interruption, and bad input."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads and writes pose files of any of the forms."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose files in hloc's form: ``name qw qx qy qz tx ty tz``, world to camera."""
 
 from __future__ import annotations
