@@ -82,8 +82,8 @@ def test_an_interrupted_crew_leaves_what_is_finished(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (Fingerprint("map 2", "settings 1"), "5 photos are done again: .* with another map "),
-        (Fingerprint("map 1", "settings 2"), "5 photos are done again: .* with another matcher "),
+        (Fingerprint("map 2", "settings 1"), "localizing 5 photos again: .* with another map "),
+        (Fingerprint("map 1", "settings 2"), "localizing 5 photos again: .* with another matcher "),
     ],
 )
 def test_another_map_or_other_settings(

@@ -67,7 +67,7 @@ def test_photos_with_a_prior_begin_there(
     assert starts(output) == {"a.png": "reference", "b.png": "tracking"}
     unsure = ("--priors", str(folder / "both.txt"), "--prior-sigma", "0.5", "20", "--resume")
     assert localize(folder, output, "room.gsmap", *unsure) == 0
-    assert "2 photos are done again" in capsys.readouterr().err  # other priors, other answers
+    assert "localizing 2 photos again" in capsys.readouterr().err  # other priors, other answers
     assert starts(output) == {"a.png": "prior", "b.png": "prior"}
     assert localize(folder, output, "room.gsmap", *unsure) == 0
     for name, pose in read_pose_file(output).poses.items():

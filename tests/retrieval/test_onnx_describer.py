@@ -222,9 +222,7 @@ def test_another_network_than_the_maps(known: GlobalDescriptors, network: Path) 
         open_describer(known, network)
     assert known.model.sha256 in str(caught.value)
     write_network(network, settings={"std": [0.2, 0.3, 0.5]})
-    with pytest.raises(
-        ModelError, match=r"net\.json differs from the one"
-    ):
+    with pytest.raises(ModelError, match=r"net\.json differs from the one"):
         open_describer(known, network)
     write_network(network)
     network.with_name("net.onnx.data").write_bytes(b"other weights")
