@@ -100,7 +100,7 @@ def test_a_photo_of_another_size_is_named(
     command = ["localize", paths[0], "--images", paths[1], "--output", paths[2]]
     assert main([*command, "--camera", CAMERA.colmap_text()]) == 0
     assert list(read_poses(output)) == [name]
-    assert "photo b 2.png is 40x30, but its camera is 240x180" in capsys.readouterr().err
+    assert "b 2.png is 40x30, but its camera is 240x180" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
