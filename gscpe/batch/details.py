@@ -117,7 +117,7 @@ def read_details(path: str | Path) -> dict[str, Detail]:
         if complete:
             details[str(detail["name"])] = detail
         else:
-            _log.warning("%s: an incomplete line is left out", path)
+            _log.warning("%s: ignoring an incomplete line", path)
     return details
 
 

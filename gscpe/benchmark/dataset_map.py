@@ -40,7 +40,7 @@ def ensure_map(
     recipe = _recipe(dataset, Path(splat), settings)
     note = folder.with_name(folder.name + ".made-of")
     if settings.resume and folder.is_dir() and note.is_file() and note.read_text() == recipe:
-        _log.info("%s is kept: it was made of the same", folder)
+        _log.info("keeping %s: it was made from the same input", folder)
         return
     check_map_output(folder)
     check_method(settings.retrieval)

@@ -45,7 +45,7 @@ _COMMANDS = (
     doctor,
 )
 
-_SMALLER = "take fewer workers, smaller photos or a smaller map, or allow more"
+_SMALLER = "use fewer workers, smaller photos or a smaller map, or allow more memory"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -106,7 +106,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     for command in _COMMANDS:
         command.add_parser(commands)
     for each in commands.choices.values():
-        each.add_argument("-v", "--verbose", action="store_true", help="log what happens")
+        each.add_argument("-v", "--verbose", action="store_true", help="log progress")
     return parser.parse_args(arguments)
 
 

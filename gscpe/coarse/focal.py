@@ -111,8 +111,8 @@ def estimate_focal_length(
         return "the matches do not agree on a focal length"
     if found.relative_sigma > settings.max_relative_sigma:
         return (
-            f"the matches leave it open (standard deviation {found.relative_sigma:.0%}), as those "
-            "of a flat wall do; give the intrinsics"
+            f"the matches do not determine it (standard deviation {found.relative_sigma:.0%}), "
+            "as with a flat wall; give the intrinsics"
         )
     return replace(found, camera=replace(found.camera, focal_sigma=found.relative_sigma))
 

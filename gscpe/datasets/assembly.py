@@ -48,7 +48,7 @@ def make_dataset(
     lost = sorted(set(cameras) - set(kept))
     if lost:
         _logger.warning(
-            "%s %s: %d of %d photos have no usable pose and are left out, the first is %s",
+            "%s %s: %d of %d photos have no usable pose and are left out; the first is %s",
             *(name, scene, len(lost), len(cameras), lost[0]),
         )
     asked = set(queries)

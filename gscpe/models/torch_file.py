@@ -49,7 +49,7 @@ def read_tensors(data: bytes, name: str) -> dict[str, NDArray[Any]]:
     if not isinstance(tensors, Mapping) or not all(
         isinstance(key, str) and isinstance(value, np.ndarray) for key, value in tensors.items()
     ):
-        raise ModelError(f"{name} holds something else than named tensors")
+        raise ModelError(f"{name} does not hold named tensors")
     return dict(tensors)
 
 

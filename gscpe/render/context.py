@@ -86,7 +86,9 @@ def create_context() -> moderngl.Context:
         raise RenderError(f"the OpenGL driver is too old: {found}, 3.3 is needed; update it")
     if failures:
         tried = "; ".join(f"{attempt.way}: {attempt.error}" for attempt in failures)
-        _log.warning("OpenGL by %s, since others failed (%s)", context.extra, tried)
+        _log.warning(
+            "using OpenGL through %s, because other ways failed (%s)", context.extra, tried
+        )
     return context
 
 
@@ -241,5 +243,5 @@ def check_errors(context: moderngl.Context, doing: str) -> None:
         return
     remedy = "; render smaller images or a smaller splat" if error == "GL_OUT_OF_MEMORY" else ""
     raise RenderError(
-        f"OpenGL reported {error} when {doing} ({context.info['GL_RENDERER']}){remedy}"
+        f"OpenGL reported {error} while {doing} ({context.info['GL_RENDERER']}){remedy}"
     )

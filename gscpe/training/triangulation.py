@@ -71,8 +71,8 @@ def triangulated_points(model_folder: str | Path, image_folder: str | Path) -> P
         return cloud_of(found)
     except ColmapModelError as error:
         raise ColmapModelError(
-            f"{model_folder} has no points, and triangulating them failed: {error}. Do the photos "
-            "overlap, and are the poses theirs?"
+            f"{model_folder} has no points, and triangulating them failed: {error}. Do the "
+            "photos overlap, and do the poses belong to them?"
         ) from None
 
 

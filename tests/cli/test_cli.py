@@ -163,7 +163,7 @@ def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor"]) == 0
     out = capsys.readouterr().out
     assert out.startswith(f"gscpe {__version__}, Python ")
-    for word in ("moderngl", "numpy", "pycolmap", "OpenGL", "all is well"):
+    for word in ("moderngl", "numpy", "pycolmap", "OpenGL", "everything works"):
         assert word in out
     assert "MISSING" not in out
 

@@ -111,7 +111,7 @@ def test_a_photo_of_another_size_is_named(
         (["--images", "photos", "--camera", "x"], "need --images and --output"),
         (
             ["--queries", "q.txt", "--images", "photos", "--output", "p.txt", "--json"],
-            "--json does",
+            "--json cannot be used with",
         ),
     ],
 )

@@ -166,7 +166,7 @@ def test_it_is_said(
         bad = {name: MISTAKES[mistake][1](pose) for name, pose in good.items()}
         out, err = run_evaluate(tmp_path, bad, truth, capsys)
         (line,) = err.splitlines()
-        assert line.startswith(f"{tmp_path / 'poses.txt'} seems to be of another convention")
+        assert line.startswith(f"{tmp_path / 'poses.txt'} seems to use another convention")
         assert words in line
         assert figures in line
         assert f"not {out.splitlines()[1].split()[2]} cm" in line

@@ -103,7 +103,7 @@ def add_pose(
 ) -> None:
     """Raises PoseError when the name has a pose already."""
     if name in poses:
-        raise PoseError(f"{where}: {name} has a pose already")
+        raise PoseError(f"{where}: {name} already has a pose")
     poses[name] = cam_from_world
 
 
