@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Measures how well one's own capture can be localized in: every eighth photo is a query.
 
 Usage: python examples/benchmark_capture.py SPLAT MODEL_DIR IMAGE_DIR OUTPUT [METRES_PER_UNIT]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Builds a map of a trained splat and its photos, as gscpe build-map does.
 
 Usage: python examples/build_map.py SPLAT MODEL_DIR IMAGE_DIR MAP

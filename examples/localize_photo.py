@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Localizes one photo in a map: python examples/localize_photo.py MAP PHOTO fx fy cx cy"""
 
 import sys

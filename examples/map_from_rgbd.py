@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes a map of one RGB-D photo and localizes another photo in it.
 
 The photos are the Middlebury Motorcycle pair, which scikit-image ships; put your own

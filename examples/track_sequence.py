@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Follows a camera through a map, frame by frame: each pose begins at the one before.
 
 Usage: python examples/track_sequence.py MAP QUERIES IMAGES [TRUTH]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find where a photo was taken, inside a 3D Gaussian splat.
 
     camera = gscpe.Camera.pinhole(640, 480, fx=525.5, fy=525.5, cx=320.0, cy=240.0)
@@ -15,11 +16,13 @@ from gscpe.coarse import (
     CoarseObserver,
     CoarseResult,
     CoarseSettings,
+    FocalEstimate,
     FocalSettings,
     PnPSettings,
 )
 from gscpe.errors import (
     CameraError,
+    ClosedError,
     ColmapModelError,
     DatasetError,
     GscpeError,
@@ -39,6 +42,7 @@ from gscpe.errors import (
     WorkerError,
 )
 from gscpe.geometry import Camera, PoseDifference, pose_difference
+from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import (
     Attempt,
     FusionSettings,
@@ -51,13 +55,22 @@ from gscpe.localization import (
     VerificationSettings,
 )
 from gscpe.mapping import (
+    CheckedReference,
+    FrameCheckSettings,
+    MapCheck,
+    MapCheckSettings,
     MapSettings,
+    Misfit,
     RgbdMapSettings,
     build_map,
     check_frames,
+    check_map,
     map_from_rgbd,
     map_without_references,
+    measure_misfit,
+    read_transform,
     scene_from_rgbd,
+    with_fitting_axes,
 )
 from gscpe.matching import Matcher, Matches, make_matcher
 from gscpe.refinement import (
@@ -77,6 +90,7 @@ from gscpe.scene import (
     GaussianScene,
     GlobalDescriptors,
     Map,
+    MapFrame,
     Photo,
     References,
     camera_from_exif,
@@ -89,6 +103,7 @@ from gscpe.scene import (
     write_splat,
 )
 from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.moved import move_references, move_scene
 from gscpe.scene.poses import PoseFile, read_pose_file, write_pose_file
 from gscpe.scene.query_list import Query, read_query_list
 
@@ -163,7 +178,9 @@ __all__ = [
     "Certificate",
     "CertificateSettings",
     "CertifiedPhoto",
+    "CheckedReference",
     "ClippingSettings",
+    "ClosedError",
     "CoarseObserver",
     "CoarseResult",
     "CoarseSettings",
@@ -172,7 +189,9 @@ __all__ = [
     "DatasetError",
     "DescriberModel",
     "Evaluation",
+    "FocalEstimate",
     "FocalSettings",
+    "FrameCheckSettings",
     "FusionSettings",
     "GaussianScene",
     "GlobalDescriptors",
@@ -187,10 +206,14 @@ __all__ = [
     "MadeMap",
     "MakeMapSettings",
     "Map",
+    "MapCheck",
+    "MapCheckSettings",
     "MapError",
+    "MapFrame",
     "MapSettings",
     "Matcher",
     "Matches",
+    "Misfit",
     "MissingDependencyError",
     "ModelError",
     "ModelFrame",
@@ -221,6 +244,7 @@ __all__ = [
     "ScaleSource",
     "SceneRun",
     "SettingsError",
+    "Similarity",
     "SplatError",
     "Start",
     "TrainingError",
@@ -232,11 +256,15 @@ __all__ = [
     "build_map",
     "camera_from_exif",
     "check_frames",
+    "check_map",
     "evaluate",
     "make_map",
     "make_matcher",
     "map_from_rgbd",
     "map_without_references",
+    "measure_misfit",
+    "move_references",
+    "move_scene",
     "open_map",
     "pose_difference",
     "read_cambridge",
@@ -250,11 +278,13 @@ __all__ = [
     "read_rgbd_folder",
     "read_seven_scenes",
     "read_splat",
+    "read_transform",
     "read_transforms",
     "reconstruct",
     "save_map",
     "scene_from_rgbd",
     "to_photo",
+    "with_fitting_axes",
     "write_image",
     "write_pose_file",
     "write_splat",

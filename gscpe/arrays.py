@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names for the array types that travel between the rooms, and how what holds arrays prints."""
 
 from __future__ import annotations

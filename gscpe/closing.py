@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What holds memory, a renderer or processes until it is closed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The typed errors of gscpe.
 
 Every error that a caller can act upon derives from :class:`GscpeError`, and its

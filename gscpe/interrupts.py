@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ctrl-C, and the signals by which the surroundings end a program: as one, later, or not at all.
 
 Signals reach the main thread, and only there can they be handled. What is here does nothing in

@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // Moves the visible Gaussians together, in the order of their indices.
 
 layout(local_size_x = THREADS) in;

@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // Which Gaussians the image may show: their depth as an integer key, and how many there are
 // in each block. The same arithmetic as in visibility_order.py.
 

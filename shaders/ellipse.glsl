@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The two vectors whose products with (pixel - centre) are the coordinates in sigmas along the
 // ellipse's axes. Taken at each pixel rather than interpolated between corners, which GPUs snap
 // to a grid (of 1/256 of a pixel, as a rule: almost 1% of the smallest Gaussian's sigma).

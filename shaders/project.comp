@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // Projects the visible Gaussians, nearest first, and finds the tiles that each touches.
 
 layout(local_size_x = THREADS) in;

@@ -1,4 +1,5 @@
 #version 330 core
+// SPDX-License-Identifier: Apache-2.0
 // Stage 1: projects the visible Gaussians, one fragment a Gaussian. Writes textures that
 // stage 2 reads by instance, so that the work is done once a Gaussian and not once a vertex.
 

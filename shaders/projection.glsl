@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Projection of one Gaussian (EWA splatting, Zwicker et al. 2001, as in 3D Gaussian Splatting).
 
 uniform sampler2D gaussians;    // 3 texels each: mean + opacity, quaternion wxyz, scale

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One corner of the quad around the ellipse where alpha is at least 1/255.
 // Pixel coordinates map straight to the target: row 0 of the image is row 0 of the
 // texture, and gl_FragCoord has its centres at (0.5, 0.5) as our cameras do.

@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // How often each digit occurs in each block of keys: counts[digit][block].
 
 layout(local_size_x = THREADS) in;

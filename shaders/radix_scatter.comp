@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // One pass of a stable radix sort: moves keys and indices to where their digit belongs.
 // Each thread owns consecutive keys and a column of counters, local_counts[digit][thread]:
 // summed up in this order, they keep keys of equal digits in their order.

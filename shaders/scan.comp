@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // One workgroup turns counts into the sums of all counts before each.
 
 layout(local_size_x = THREADS) in;

@@ -1,4 +1,5 @@
 #version 330 core
+// SPDX-License-Identifier: Apache-2.0
 // Stage 3: alpha of one Gaussian at one pixel; blending composites back to front.
 
 flat in vec2 centre;

@@ -1,4 +1,5 @@
 #version 330 core
+// SPDX-License-Identifier: Apache-2.0
 // Stage 2: one quad an instance, from what stage 1 has found.
 
 uniform sampler2D ellipses;

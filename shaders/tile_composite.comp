@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // Composites one tile, front to back; a thread has ROWS pixels of a column (TILE = ROWS * THREAD_ROWS), so that it fetches a
 // Gaussian once for all of them, and their arithmetic overlaps. The workgroup fetches Gaussians
 // together, BATCH at a time, and ends when none of its pixels lets light through.

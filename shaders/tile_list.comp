@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // Writes each pair of a tile and a Gaussian that touches it, Gaussian by Gaussian, nearest first.
 // One thread a pair, which looks up whose it is: some Gaussians touch one tile, some all.
 

@@ -1,4 +1,5 @@
 #version 430 core
+// SPDX-License-Identifier: Apache-2.0
 // Where each tile's pairs begin, once they are sorted by tile; one more entry for their end.
 
 layout(local_size_x = THREADS) in;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Prefix sums over a workgroup of THREADS threads.
 
 shared uint scan_sums[THREADS];

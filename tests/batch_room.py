@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The room's map and photos in a folder, for the tests of crews."""
 
 from __future__ import annotations

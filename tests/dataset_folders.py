@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tiny data sets in the layouts of their downloads, written with code of their own.
 
 Every writer takes true poses, world to camera, and returns them by the name that the photo must

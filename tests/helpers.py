@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes, poses, cameras and files that several tests make."""
 
 from __future__ import annotations

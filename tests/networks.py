@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checkpoints with random weights, written as PyTorch writes them, and networks made of them."""
 
 from __future__ import annotations

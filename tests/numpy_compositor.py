@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A reference renderer of 3D Gaussian splats: float64 NumPy, written to be read.
 
 It follows the published method (Kerbl et al. 2023, Mip-Splatting 2024) and takes nothing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small run to report: photos of the ray-cast room, one black, one missing and ill-named."""
 
 from __future__ import annotations

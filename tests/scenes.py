@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A world with a known answer that owes nothing to the splat renderer: ray-cast planes.
 
 A room's corner (back wall, side wall, floor) with a slanted board in it. Every pixel's ray

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of a walk through the ray-cast room, as a phone would leave them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tools share: the RedKitchen queries of $GSCPE_DATA, errors, tables, pictures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's optimizer of the pose, as a baseline for tools/bench_refinement.py: Adam.
 
 Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), on the seven numbers of

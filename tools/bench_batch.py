@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Photos a minute of one process, of several, and of a local Dask cluster, in the same run.
 
 Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_batch.py kitchen.gsmap [--queries N]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Compares matchers on the RedKitchen queries of $GSCPE_DATA.
 
 For each matcher, over the queries: matches that could be lifted, those within 1 and 3 pixels at

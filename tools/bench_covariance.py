@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Whether errors are as large as their covariances say, on four kinds of scenes.
 
 The normalized error squared averages 6 where covariances are right; more where they promise

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The figures of tools/bench_gpu.sh: whether OpenGL and the CPU draw the same, what a frame costs
 and where its time goes, queries, tracking.
 

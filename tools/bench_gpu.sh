@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Everything about gscpe that must be seen on a real graphics driver, as one page of Markdown.
 #
 # Usage: tools/bench_gpu.sh [MAP_OR_PLY [PHOTO...]]      (PYTHON=... for another interpreter)
@@ -51,7 +52,8 @@ fi
 section "Doctor" 60 "$python" -m gscpe doctor
 section "Pictures against the NumPy compositor" 60 bash -o pipefail -c 'tests renderer absurd_splats'
 section "Order and pictures of the compute shaders" 60 bash -o pipefail -c 'tests gpu_sort gpu_tiles'
-section "Lifetime, threads, processes" 90 bash -o pipefail -c 'tests renderer_lifetime renderer_processes'
+section "Lifetime, threads, processes" 90 bash -o pipefail -c 'tests renderer_lifetime renderer_processes renderer_threads'
+section "A localizer in many threads, views that tell little" 120 bash -o pipefail -c 'tests localizer_threads degenerate_views'
 section "OpenGL against the CPU rasterizer" 60 "$python" tools/bench_gpu.py agree ${splat:+"$splat"}
 section "A frame at 640x480" 60 "$python" tools/bench_gpu.py frame ${splat:+"$splat"}
 if [ -n "$splat" ]; then

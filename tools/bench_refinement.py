@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Measures the refinement on the RedKitchen queries of $GSCPE_DATA (docs/benchmarks.md).
 
 Without an option, Lucas-Kanade and Adam, the paper's optimizer, from the same starts. With one:

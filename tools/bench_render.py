@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Times the rasterizers on a map or a splat, as ratios in the same run.
 
 Usage: .venv/bin/python tools/bench_render.py MAP_OR_PLY [--growth] [--plot PNG] [--repeats N]

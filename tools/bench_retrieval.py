@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Compares global descriptors on RedKitchen ($GSCPE_DATA), and times the search of many.
 
 Every query and reference photo is looked for among the references that are more than --gap

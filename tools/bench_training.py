@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Times an iteration of training as a multiple of the forward render of the same view, and shows
 how well a splat shows the RedKitchen queries.
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Shows what separates right poses from wrong ones, on RedKitchen ($GSCPE_DATA).
 
 Localizes the queries, some of them half covered or dark and blurred, and photos of other

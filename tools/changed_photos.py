@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos as worse light, lenses and hands would have made them, for the benchmarks.
 
 Each function takes and returns an (H, W, 3) uint8 RGB image. They work on the stored values,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lucas-Kanade and Adam from the same starts: final errors, seconds, how far off they may be."""
 
 from __future__ import annotations

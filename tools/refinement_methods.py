@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ways to refine a pose, followed through time, and starts to refine from."""
 
 from __future__ import annotations

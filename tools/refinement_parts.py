@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each part of the refinement is for: parts left out, and photos that were changed."""
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ def ablate(localizer: Localizer, cases: Sequence[Case]) -> None:
                     refined.cam_from_world,
                     refined.covariance,
                     settings.fusion,
+                    refined.unshared,
                 )
             final.append(start.error(localizer, pose))
         rows.append([name, *_both(aligned), *_both(final), f"{np.median(seconds):.3f}"])

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Makes .venv with the package and its extras, and installs the system libraries for
 # off-screen OpenGL if they are missing. Idempotent; quick when there is nothing to do.
 # On Arm Linux, where moderngl and pycolmap have no wheels, the extra cpu is taken in place of OpenGL.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The photos of tools/bench_verification.py: of RedKitchen, and of what is not RedKitchen."""
 
 from __future__ import annotations

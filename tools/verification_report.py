@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables and the picture of tools/bench_verification.py."""
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Writes docs/api.md: what gscpe offers to Python, from its docstrings.
 
 Usage: python tools/write_api_docs.py [OUTPUT]

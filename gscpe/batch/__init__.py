@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Localizes lists of photos: what is finished is on disk, and the work is done by a crew."""
 
 from gscpe.batch.choose import choose_workers, make_crew

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which crew does the work."""
 
 from __future__ import annotations

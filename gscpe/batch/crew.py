@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What does the work: a crew takes queries and gives back details, in any order.
 
 The smallest one is a worker in this process.

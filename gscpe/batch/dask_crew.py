@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The crew of a cluster: the workers of a Dask scheduler, and what runs on them.
 
 This needs Dask to be imported; :func:`gscpe.batch.make_crew` does so where a scheduler is given.
@@ -71,14 +72,14 @@ class DaskCrew(Crew):
             self._renderer: str = self._outcome(self._next(_when_done([started])))
         except KilledWorker as error:
             self.close()
-            raise WorkerError(f"Dask workers die when they open the map ({error})") from error
+            raise WorkerError(f"Dask workers crash while opening the map ({error})") from error
         except BaseException:
             self.close()
             raise
 
     @property
     def description(self) -> str:
-        return f"{self._count()} Dask workers at {self._scheduler}, one of them: {self._renderer}"
+        return f"{self._count()} Dask workers at {self._scheduler}, the first: {self._renderer}"
 
     def run(self, queries: Sequence[Query]) -> Iterator[tuple[Query, Detail]]:
         tag = f"{self._name}-{uuid.uuid4().hex}"
@@ -93,8 +94,8 @@ class DaskCrew(Crew):
             try:
                 detail: Detail = self._outcome(future)
             except KilledWorker as error:
-                _log.warning("%s is given up: %s", query.name, error)
-                detail = failed_details(query, f"its Dask workers died, repeatedly ({error})")
+                _log.warning("giving up on %s: %s", query.name, error)
+                detail = failed_details(query, f"its Dask workers died repeatedly ({error})")
             yield query, detail
 
     def _next(self, done: SimpleQueue[Any]) -> Any:
@@ -121,7 +122,9 @@ class DaskCrew(Crew):
                 f"the Dask scheduler {self._scheduler} has had no workers for {_PATIENCE:.0f} s"
             ) from error
         except OSError as error:
-            raise WorkerError(f"the Dask scheduler {self._scheduler} is gone") from error
+            raise WorkerError(
+                f"the Dask scheduler {self._scheduler} does not answer any more"
+            ) from error
 
     def _count(self) -> int:
         return len(self._client.nthreads())
@@ -131,7 +134,7 @@ class DaskCrew(Crew):
             if self._registered:
                 self._client.unregister_worker_plugin(self._name)
         except (OSError, RuntimeError) as error:  # nobody is there, so nothing is open
-            _log.debug("the Dask scheduler is gone: %s", error)
+            _log.debug("the Dask scheduler does not answer any more: %s", error)
         self._registered = False
         self._client.close()
 
@@ -176,8 +179,8 @@ class LocalizerPlugin(WorkerPlugin):
             if not folder.is_dir():
                 raise MapError(
                     f"there is no folder {folder} on the Dask worker {self._address}: workers "
-                    "read the map and the photos from the same paths as the machine that asks, "
-                    "so they need a shared file system"
+                    "read the map and the photos from the same paths as the machine that runs "
+                    "this command, so they need a shared file system"
                 )
         return Worker.start(self._instructions)
 

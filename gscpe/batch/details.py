@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A query's result as plain data, one JSON object a line (docs/formats.md)."""
 
 from __future__ import annotations
@@ -85,6 +86,7 @@ def failed_details(query: Query, reason: str) -> Detail:
         "cam_from_world": None,
         "started_from": None,
         "reference": None,
+        "orientation": 1,
         "hypotheses": 0,
         "coarse": None,
         "aligned": None,
@@ -115,7 +117,7 @@ def read_details(path: str | Path) -> dict[str, Detail]:
         if complete:
             details[str(detail["name"])] = detail
         else:
-            _log.warning("%s: an incomplete line is left out", path)
+            _log.warning("%s: ignoring an incomplete line", path)
     return details
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a worker is told: everything that it needs to localize, as small picklable data.
 
 Part of it is a fingerprint of map and settings, by which resuming notices that they changed;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One prior a photo of a list: read from a pose file, and part of the fingerprint."""
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def read_priors(
     if not priors:
         example = f", which begins with {next(iter(poses))}" if poses else ""
         raise PoseError(
-            f"{path} has a pose of none of the photos of the list{example}; names must be the same"
+            f"{path} has no pose for any photo of the list{example}; the names must match"
         )
     return priors
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The crew of all cores: workers in processes, one renderer and some of the threads each.
 
 A process is started, talked to through a pipe, and replaced when it dies.
@@ -105,7 +106,7 @@ class ProcessCrew(Crew):
                     deaths[query.name] += 1
                     again = deaths[query.name] < _TRIES and not worker.hung
                     _log.warning(
-                        "a worker %s (%s) at %s; it is %s",
+                        "a worker %s (%s) while localizing %s; the photo is %s",
                         "hung" if worker.hung else "died",
                         *(cause, query.name, "tried once more" if again else "given up"),
                     )
@@ -159,11 +160,11 @@ class ProcessCrew(Crew):
         if self._stillborn < _STILLBORN:
             self._hire()
         elif self._workers:
-            _log.warning("a worker died when it started (%s); going on with fewer", cause)
+            _log.warning("a worker died while starting (%s); continuing with fewer", cause)
         else:
             raise WorkerError(
-                f"workers die when they start ({cause}); take fewer where memory is short, and "
-                "begin a script's work under: if __name__ == '__main__':"
+                f"workers die while starting ({cause}); use fewer if memory is short; in a "
+                "script, put the work under: if __name__ == '__main__':"
             )
         return cause
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of what is finished: one JSON object a line, so that it can be resumed.
 
 A photo that cannot be read fails alone. The pose files are written from the record, and
@@ -126,7 +127,7 @@ def _still_true(
     for field, count in changed.items():
         if count:
             _log.warning(
-                "%d photos are done again: %s (or that was not noted yet)", count, _CHANGED[field]
+                "localizing %d photos again: %s (or this was not recorded)", count, _CHANGED[field]
             )
     return kept
 
@@ -137,7 +138,7 @@ def _keep_a_copy(path: Path) -> None:
             path = path.resolve()  # a link stays one
             backup = path.with_name(path.name + ".bak")
             path.replace(backup)
-            _log.warning("what was finished before is kept in %s", backup)
+            _log.warning("the earlier results are kept in %s", backup)
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A list from instructions to files, also where it is interrupted: whether they can be written,
 and the pose files."""
 
@@ -67,8 +68,8 @@ def localize_to_files(
                     write_poses(done, path, stage)
             if len(done) < len(queries):
                 _log.warning(
-                    "%d of %d photos are finished; the same with resume (--resume) goes on "
-                    "from there",
+                    "%d of %d photos are finished; run the same again with resume (--resume) to "
+                    "continue",
                     *(len(done), len(queries)),
                 )
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One worker: a Localizer and a folder of photos; a query in, a detail out."""
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class Worker(Closing):
         """
         folder, threads = instructions.map_folder, instructions.threads
         if map_fingerprint(folder) != instructions.fingerprint.map:
-            raise MapError(f"map {folder} has changed since the work began; start again")
+            raise MapError(f"map {folder} has changed since the start; start again")
         with limited_threads(threads):
             if threads is not None:
                 cv2.setNumThreads(threads)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A scene of a data set from end to end: map, poses, tables and report."""
 
 from gscpe.benchmark.ablation import PAPER_VARIANTS, run_ablation

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's ablation: the same queries with a part of the refinement left out."""
 
 from __future__ import annotations

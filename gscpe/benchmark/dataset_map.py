@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of a data set's references, made anew only where something has changed."""
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from gscpe.batch.instructions import photo_fingerprint
 from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.datasets import Dataset
 from gscpe.errors import OutputError, SplatError
-from gscpe.mapping import MapSettings, build_map, with_fitting_axes
+from gscpe.mapping import MapSettings, build_map, check_frames, check_map, with_fitting_axes
 from gscpe.retrieval import check_method
-from gscpe.scene import read_splat, save_map
+from gscpe.scene import open_map, read_splat, save_map
 from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.splat_kind import may_have_other_axes
 
@@ -39,7 +40,7 @@ def ensure_map(
     recipe = _recipe(dataset, Path(splat), settings)
     note = folder.with_name(folder.name + ".made-of")
     if settings.resume and folder.is_dir() and note.is_file() and note.read_text() == recipe:
-        _log.info("%s is kept: it was made of the same", folder)
+        _log.info("keeping %s: it was made from the same input", folder)
         return
     check_map_output(folder)
     check_method(settings.retrieval)
@@ -49,9 +50,19 @@ def ensure_map(
             scene,
             dataset.references,
             dataset.image_folder,
-            settings.backend,
-            progress,
-            may_have_other_axes(splat),
+            metres_per_unit=dataset.metres_per_unit,
+            backend=settings.backend,
+            progress=progress,
+            axes_are_open=may_have_other_axes(splat),
+        )
+        check_frames(
+            scene,
+            dataset.references,
+            dataset.image_folder,
+            metres_per_unit=dataset.metres_per_unit,
+            backend=settings.backend,
+            matcher=settings.matcher,
+            progress=progress,
         )
     map_settings = MapSettings(
         retrieval=settings.retrieval, metres_per_unit=dataset.metres_per_unit
@@ -63,6 +74,25 @@ def ensure_map(
         note.write_text(recipe)
     except OSError as error:
         raise OutputError(f"{note} cannot be written: {error.strerror}") from error
+    if settings.check_frames:
+        _check_what_was_written(folder, dataset, settings, progress)
+
+
+def _check_what_was_written(
+    folder: Path, dataset: Dataset, settings: BenchmarkSettings, progress: bool
+) -> None:
+    """A map that is not good is benchmarked all the same: its numbers will say how bad it is."""
+    check = check_map(
+        open_map(folder),
+        dataset.image_folder,
+        backend=settings.backend,
+        matcher=settings.matcher,
+        progress=progress,
+    )
+    if check.good:
+        _log.info("%s", check)
+    else:
+        _log.warning("%s is not good: %s", folder, check)
 
 
 def _recipe(dataset: Dataset, splat: Path, settings: BenchmarkSettings) -> str:

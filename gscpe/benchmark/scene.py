@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One scene: builds the map, localizes the queries, writes poses and the report."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe benchmark``: a data set from end to end."""
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def add_parser(commands: Commands) -> None:
         "--splat",
         required=True,
         metavar="SPLAT",
-        help="trained on the reference photos alone, in the frame of their poses; {scene} in it "
-        "stands for the scene's name",
+        help="splat trained on the reference photos only, in the frame of their poses; {scene} "
+        "in the path stands for the scene's name",
     )
     common.add_argument(
         "--output", required=True, metavar="DIR", help="folder for maps, poses, tables, reports"
@@ -49,7 +50,9 @@ def add_parser(commands: Commands) -> None:
     common.add_argument(
         "--limit", type=int, metavar="N", help="localize N of the queries, evenly spread"
     )
-    common.add_argument("--resume", action="store_true", help="keep maps and poses that still hold")
+    common.add_argument(
+        "--resume", action="store_true", help="keep maps and poses that are still valid"
+    )
     common.add_argument(
         "--ablation",
         action="store_true",
@@ -59,7 +62,7 @@ def add_parser(commands: Commands) -> None:
     common.add_argument(
         "--no-check",
         action="store_true",
-        help="do not compare renders with reference photos to see that they fit together",
+        help="do not check, by comparing renders with photos, that the splat fits the poses",
     )
     common.add_argument(
         "--retrieval",
@@ -71,7 +74,7 @@ def add_parser(commands: Commands) -> None:
     add_timeout(common)
     add_matcher(common)
     add_backend(common)
-    common.add_argument("-v", "--verbose", action="store_true", help="log what happens")
+    common.add_argument("-v", "--verbose", action="store_true", help="log progress")
     add_kinds(parser, common)
     parser.set_defaults(run=run)
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kinds of data sets that ``gscpe benchmark`` reads, and what each must be told."""
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def add_kinds(parser: argparse.ArgumentParser, common: argparse.ArgumentParser) 
         "--ground-truth",
         choices=("sfm", "original"),
         default="sfm",
-        help="which poses the references have, and the splat is in (default: %(default)s)",
+        help="which poses to use; the splat must be in their frame (default: %(default)s)",
     )
     kind.add_argument("--pgt", metavar="DIR", help="folder with SCENE_train.txt and SCENE_test.txt")
     kind.set_defaults(read=_read_seven_scenes)
@@ -115,7 +116,7 @@ def _chosen(root: str, scenes: Sequence[str], known: Sequence[str]) -> Sequence[
     there = [scene for scene in known if (Path(root) / scene).is_dir()]
     missing = [scene for scene in known if scene not in there]
     if there and missing:
-        _log.warning("%s has no folder %s; going on without", root, ", ".join(missing))
+        _log.warning("%s has no folder %s; continuing without it", root, ", ".join(missing))
     return there or known[:1]
 
 

@@ -1,17 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe build-map``."""
 
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 
 from gscpe.cli.common import Commands, add_backend, show_progress
-from gscpe.mapping import MapSettings, build_map, map_without_references, with_fitting_axes
+from gscpe.geometry.similarity_transform import Similarity
+from gscpe.mapping import (
+    FrameCheckSettings,
+    MapSettings,
+    build_map,
+    check_frames,
+    check_map,
+    map_without_references,
+    measure_misfit,
+    read_transform,
+    with_fitting_axes,
+)
 from gscpe.retrieval import METHODS, check_method
-from gscpe.scene import read_splat, save_map
+from gscpe.scene import GaussianScene, References, open_map, read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
+from gscpe.scene.moved import move_references, move_scene
 from gscpe.scene.splat_kind import may_have_other_axes
+
+_NOT_GOOD = 4
+"""Exit status: the map was written, but its references do not come back to their own poses."""
+
+
+_log = logging.getLogger(__name__)
 
 
 def add_parser(commands: Commands) -> None:
@@ -34,7 +54,7 @@ def add_parser(commands: Commands) -> None:
         "--metres-per-unit",
         type=float,
         default=1.0,
-        help="length of a unit of the splat in metres (default: %(default)s)",
+        help="length of a unit of the poses in metres (default: %(default)s)",
     )
     scale.add_argument(
         "--unknown-scale",
@@ -44,7 +64,27 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--no-check",
         action="store_true",
-        help="do not compare renders with photos to see that splat and model fit together",
+        help="neither measure how splat and model fit together, nor localize a few of the photos "
+        "in the finished map to see that they come back to their poses",
+    )
+    parser.add_argument(
+        "--fit",
+        action="store_true",
+        help="where splat and model do not fit, make them: measure the similarity between them by "
+        "a few photos, and apply it",
+    )
+    parser.add_argument(
+        "--transform",
+        metavar="FILE",
+        help="what was done to the splat: nerfstudio's dataparser_transforms.json, or a 3x4 or "
+        "4x4 matrix that takes the model's points to the splat's",
+    )
+    parser.add_argument(
+        "--poses-in",
+        choices=("splat", "model"),
+        default="splat",
+        help="with --fit or --transform: whose frame poses are given in; the other is moved into "
+        "it (default: %(default)s)",
     )
     parser.add_argument(
         "--retrieval",
@@ -72,6 +112,11 @@ def run(options: argparse.Namespace) -> int:
         retrieval=options.retrieval,
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
+    if options.no_references and (options.fit or options.transform):
+        options.parser.error("--fit and --transform move reference poses; there are none")
+    if options.poses_in != "splat" and not (options.fit or options.transform):
+        options.parser.error("--poses-in goes with --fit or --transform")
+    moved_by = None if options.transform is None else read_transform(options.transform)
     check_map_output(options.output, compress=options.compress)
     if (options.no_references or options.no_check) and may_have_other_axes(options.splat):
         print(
@@ -91,13 +136,71 @@ def run(options: argparse.Namespace) -> int:
     if not options.no_check:
         scene = with_fitting_axes(
             scene,
+            references if moved_by is None else move_references(references, moved_by),
+            options.images,
+            metres_per_unit=settings.metres_per_unit,
+            backend=options.backend,
+            progress=show_progress(),
+            axes_are_open=may_have_other_axes(options.splat),
+        )
+    if moved_by is not None:
+        scene, references = _moved(scene, references, moved_by, options.poses_in)
+    if options.fit:
+        scene, references = _fitted(scene, references, settings, options)
+    if not options.no_check:
+        check_frames(
+            scene,
             references,
             options.images,
-            options.backend,
-            show_progress(),
-            may_have_other_axes(options.splat),
+            metres_per_unit=settings.metres_per_unit,
+            backend=options.backend,
+            progress=show_progress(),
         )
     map_ = build_map(scene, references, options.images, settings, progress=show_progress())
     save_map(map_, options.output, compress=options.compress)
     print(f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos")
-    return 0
+    return 0 if options.no_check else _check_what_was_written(options)
+
+
+def _fitted(
+    scene: GaussianScene,
+    references: References,
+    settings: MapSettings,
+    options: argparse.Namespace,
+) -> tuple[GaussianScene, References]:
+    misfit = measure_misfit(
+        scene,
+        references,
+        options.images,
+        metres_per_unit=settings.metres_per_unit,
+        backend=options.backend,
+        progress=show_progress(),
+    )
+    if misfit.verdict(FrameCheckSettings()) == "fits":
+        print(f"splat and model fit as they are: {misfit}")
+        return scene, references
+    print(f"{'splat' if options.poses_in == 'model' else 'poses'} moved, for {misfit}")
+    return _moved(scene, references, misfit.splat_from_model, options.poses_in)
+
+
+def _moved(
+    scene: GaussianScene, references: References, splat_from_model: Similarity, poses_in: str
+) -> tuple[GaussianScene, References]:
+    if poses_in == "model":
+        return move_scene(scene, splat_from_model.inverse()), references
+    return scene, move_references(references, splat_from_model)
+
+
+def _check_what_was_written(options: argparse.Namespace) -> int:
+    """Opens the map again, so that what is checked is what others will use."""
+    check = check_map(
+        open_map(options.output), options.images, backend=options.backend, progress=show_progress()
+    )
+    if check.good:
+        _log.info("%s", check)
+        return 0
+    print(
+        f"gscpe build-map: {options.output} is written, but it is not good: {check}",
+        file=sys.stderr,
+    )
+    return _NOT_GOOD

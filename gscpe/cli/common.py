@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What several subcommands share."""
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def add_backend(parser: argparse.ArgumentParser) -> None:
         "--backend",
         choices=("auto", "gl", "cpu"),
         default="auto",
-        help="how to render: OpenGL, or on the CPU with Numba (default: what is faster here)",
+        help="renderer: OpenGL, or the CPU with Numba (default: the faster one on this machine)",
     )
 
 
@@ -36,7 +37,7 @@ def add_matcher(parser: argparse.ArgumentParser) -> None:
         "--matcher",
         metavar="NAME",
         default="auto",
-        help="what matches photo and render: sift, xfeat, xfeat+lighterglue, onnx:PATH, or auto "
+        help="matcher of photo and render: sift, xfeat, xfeat+lighterglue, onnx:PATH, or auto "
         "(default: xfeat where it is installed, see gscpe models, else sift)",
     )
 
@@ -49,13 +50,13 @@ def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
         "--workers",
         metavar="N",
         type=_positive,
-        help="processes that share the work and the cores (default: what is faster here)",
+        help="number of worker processes, which share the cores (default: chosen for this machine)",
     )
     who.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="have the workers of a Dask scheduler do the work, for example "
-        "tcp://10.0.0.1:8786; they read map and photos from the same paths",
+        help="use the workers of this Dask scheduler, for example tcp://10.0.0.1:8786; they read "
+        "the map and the photos from the same paths",
     )
 
 
@@ -65,8 +66,8 @@ def add_timeout(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
         "--timeout",
         metavar="SECONDS",
         type=_positive,
-        help="a worker that takes longer for a photo hangs: another one takes its place, and the "
-        f"photo has failed (default: {TIMEOUT:g}; not with one worker)",
+        help="a worker that needs longer for one photo is replaced, and the photo counts as "
+        f"failed (default: {TIMEOUT:g}; not with one worker)",
     )
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe convert-poses``."""
 
 from __future__ import annotations
@@ -36,13 +37,13 @@ def add_parser(commands: Commands) -> None:
         "--from",
         dest="from_format",
         choices=POSE_FORMATS,
-        help="form of the input (default: what its first line looks like)",
+        help="form of the input (default: detected from its first line)",
     )
     parser.add_argument(
         "--to",
         dest="to_format",
         choices=POSE_FORMATS,
-        help="form of the output (default: what its name stands for)",
+        help="form of the output (default: from its file name)",
     )
     parser.add_argument(
         "--queries",
@@ -56,7 +57,7 @@ def add_parser(commands: Commands) -> None:
 def run(options: argparse.Namespace) -> int:
     same = Path(options.input).resolve() == Path(options.output).resolve()
     if same and not Path(options.input).is_dir():
-        raise OutputError(f"{options.output} is the input too; choose another")
+        raise OutputError(f"{options.output} is also the input; choose another output")
     whole_model = is_colmap_folder(options.output, options.to_format)
     to_format = "colmap" if whole_model else options.to_format or format_of_path(options.output)
     file = read_pose_file(options.input, options.from_format)
@@ -69,8 +70,9 @@ def run(options: argparse.Namespace) -> int:
         cameras = None  # a file that tells only some cameras is no list of all photos
     if to_format == "tum" and cameras is None and photo_numbers(list(poses)) is None:
         print(
-            f"{options.input}: photos are not named by their times, so that their positions in "
-            "this file are written, from 0; where it lacks photos, give the whole list (--queries)",
+            f"{options.input}: the photos are not named by timestamps, so their positions in "
+            "this file are written, starting at 0; if the file lacks photos, give the whole list "
+            "(--queries)",
             file=sys.stderr,
         )
     if whole_model:

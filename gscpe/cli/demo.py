@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe demo``."""
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ def add_parser(commands: Commands) -> None:
         "demo", help="localize a real photo with a known answer, without a download"
     )
     parser.add_argument(
-        "--output", default="gscpe-demo", help="folder of the pictures (default: %(default)s)"
+        "--output", default="gscpe-demo", help="folder for the pictures (default: %(default)s)"
     )
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
     add_matcher(parser)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe doctor``: what gscpe runs on, what is missing, and how to get it."""
 
 from __future__ import annotations
@@ -68,9 +69,9 @@ def _print_models() -> bool:
         if states == {"ok"}:
             text = "installed"
         elif states == {"missing"}:
-            text = f"missing (optional), SIFT matches instead: gscpe models install {model}"
+            text = f"missing (optional; SIFT is used instead): gscpe models install {model}"
         else:
-            text = f"DAMAGED, and asked for by default: gscpe models install {model}"
+            text = f"DAMAGED, but used by default: gscpe models install {model}"
         _line(f"model {model}", text)
     return all(file.state in ("ok", "missing") for file in files)
 
@@ -138,24 +139,24 @@ def _verdict(
     try:
         backend = choose_backend()
     except RenderError:
-        print("nothing to render with: install OpenGL or Numba, as said above")
+        print("nothing to render with: install OpenGL or Numba, as described above")
         return 1
     reason = "OpenGL runs on a GPU"
     if backend == "cpu":
         reason = "faster than OpenGL in software" if "gl" in views else "there is no OpenGL"
     elif is_software:
-        reason = "OpenGL in software, since Numba is missing"
-    _line("backend that auto takes", f"{backend}: {reason}")
+        reason = "OpenGL in software, because Numba is missing"
+    _line("backend chosen by auto", f"{backend}: {reason}")
     if backend not in views:
-        print("rendering fails with the backend that is taken; the reason is above")
+        print("rendering fails with the default backend; the reason is above")
         return 1
     if not agree:
-        print("the two ways of rendering disagree: update the graphics driver, or use another")
+        print("the two renderers disagree: update the graphics driver, or use another one")
         return 1
     if not models_whole:
-        print("rendering works, but a network is damaged: install it again, as said above")
+        print("rendering works, but a network is damaged: install it again, as described above")
         return 1
-    print("all is well: gscpe demo shows it at work")
+    print("everything works; try gscpe demo")
     return 0
 
 

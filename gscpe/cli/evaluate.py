@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe evaluate``."""
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def add_parser(commands: Commands) -> None:
     unit.add_argument(
         "--unknown-scale",
         action="store_true",
-        help="nobody knows how long a unit is: positions are printed in units, and no shares",
+        help="the length of a unit is unknown: print positions in units, and no shares",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
@@ -88,13 +89,13 @@ def run(options: argparse.Namespace) -> int:
         print(f"{result.ignored} estimates are of photos that are not in the truth list")
     if by_position and len(estimated) < len(known):
         print(
-            f"{options.poses} holds {len(estimated)} poses for {len(known)} photos. Its timestamps "
-            "were taken as positions in the truth list, from 0; if they count the poses of the "
-            "file, all errors above are wrong",
+            f"{options.poses} holds {len(estimated)} poses for {len(known)} photos. Its "
+            "timestamps were read as positions in the truth list, starting at 0; if they number "
+            "the poses of the file instead, all errors above are wrong",
             file=sys.stderr,
         )
     elif by_position:
-        print("timestamps were taken as positions in the truth list, from 0")
+        print("timestamps were read as positions in the truth list, starting at 0")
     if explanation is not None:
         path = options.truth if explanation.of_truth else options.poses
         print(_said(explanation, result, path, unit), file=sys.stderr)
@@ -137,7 +138,7 @@ def _said(explanation: Explanation, result: Evaluation, path: str, unit: float |
     then = _length(explanation.median_distance, unit)
     now = _length(result.median_distance, unit and 1.0)
     return (
-        f"{path} seems to be of another convention, or frame: {'; '.join(how)}, they would be "
+        f"{path} seems to use another convention or frame: {'; '.join(how)}, they would be "
         f"{then} / {explanation.median_degrees:.3f} deg off, not {now} / "
         f"{result.median_degrees:.3f} deg (medians)"
     )

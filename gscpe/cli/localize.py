@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe localize``: one photo, or a list of them."""
 
 from __future__ import annotations
@@ -35,28 +36,29 @@ from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_quer
 
 
 def add_parser(commands: Commands) -> None:
-    parser = commands.add_parser("localize", help="find where a photo, or many, were taken")
+    parser = commands.add_parser("localize", help="find where one photo, or many, were taken")
     parser.add_argument("map", help="map folder, from gscpe build-map")
     parser.add_argument("photo", nargs="?", help="one photo")
     parser.add_argument(
         "--camera",
-        help=f"of the one photo, or of all photos whose line in the list is a name alone: "
-        f"{CAMERA_HELP}. One photo without it: its focal length is estimated, and lens distortion "
-        "taken to be small",
+        help=f"camera of the photo, or of all listed photos without one: {CAMERA_HELP}. Without "
+        "it, the focal length of a single photo is estimated; its lens distortion must be small",
     )
-    parser.add_argument("--json", action="store_true", help="print all about the one photo")
+    parser.add_argument(
+        "--json", action="store_true", help="print everything about the one photo as JSON"
+    )
     parser.add_argument(
         "--prior",
         metavar="POSE",
-        help='where the one photo probably was taken: "qw qx qy qz tx ty tz", world to camera',
+        help='approximate pose of the one photo: "qw qx qy qz tx ty tz", world to camera',
     )
     parser.add_argument(
         "--prior-sigma",
         nargs=2,
         type=float,
         metavar=("LENGTH", "DEGREES"),
-        help="standard deviations of the prior, or of all priors, map units and degrees; "
-        "where 180 degrees, it is a position alone "
+        help="standard deviations of the prior, or of all priors, in map units and degrees; with "
+        "180 degrees, only the position is used "
         f"(default: {PosePrior.translation_sigma} {PosePrior.rotation_sigma_degrees})",
     )
     many = parser.add_argument_group("many photos")
@@ -68,28 +70,34 @@ def add_parser(commands: Commands) -> None:
     many.add_argument(
         "--images",
         metavar="QUERY_DIR",
-        help="folder of the query photos; all photos in it where there is no list, with --camera",
+        help="folder of the query photos; without --queries, all photos in it, with --camera",
     )
     many.add_argument("--output", metavar="POSES", help="poses: name qw qx qy qz tx ty tz")
-    many.add_argument("--coarse-output", metavar="POSES", help="those from matches alone")
+    many.add_argument(
+        "--coarse-output", metavar="POSES", help="the coarse poses, from matches alone"
+    )
     many.add_argument(
         "--details",
         metavar="JSONL",
-        help="a line a query with all that is known (default: beside the output)",
+        help="one line per query with everything that is known (default: beside the output)",
     )
-    many.add_argument("--resume", action="store_true", help="keep what is in the details already")
+    many.add_argument(
+        "--resume",
+        action="store_true",
+        help="continue an interrupted run: keep what the details already hold",
+    )
     many.add_argument(
         "--priors",
         metavar="POSES",
-        help="where the photos probably were taken: a file of poses, in any form that gscpe "
-        "evaluate reads; photos that it lacks begin without",
+        help="approximate poses: a file in any form that gscpe evaluate reads; photos that it "
+        "lacks are localized without a prior",
     )
     add_workers(many)
     add_timeout(many)
     parser.add_argument(
         "--retrieval-model",
         metavar="ONNX",
-        help="the network that described the map's photos, where an exported one did",
+        help="the exported network that described the map's photos",
     )
     add_matcher(parser)
     add_backend(parser)
@@ -111,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
     alien = sorted(name for name in (one if listed else many) if getattr(options, name))
     if alien:
         option = "--" + alien[0].replace("_", "-")
-        parser.error(f"{option} does not go with {'many photos' if listed else 'a photo'}")
+        parser.error(f"{option} cannot be used with {'many photos' if listed else 'a photo'}")
     if not listed:
         if Path(options.photo).is_dir():
             parser.error(f"{options.photo} is a folder; give it as --images, with --camera")
@@ -149,7 +157,7 @@ def _localize_photo(options: argparse.Namespace) -> int:
             print(f"camera estimated: {text}", file=sys.stderr)
         result = localizer.localize(image, camera, prior)
     if prior is not None and result.started_from == "reference":
-        print("the prior did not lead to a pose; reference photos did", file=sys.stderr)
+        print("the prior led to no pose; the reference photos did", file=sys.stderr)
     query = Query(options.photo, camera)
     details = result_details(query, result)
     if options.json:

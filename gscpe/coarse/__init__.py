@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Algorithm 1 of the paper: render, match, lift, PnP-RANSAC, and again."""
 
 from gscpe.coarse.focal import FocalEstimate, FocalSettings, estimate_focal_length

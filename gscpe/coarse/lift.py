@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lifts pixels of a render to 3D with its depth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The coarse loop (paper, Algorithm 1)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Absolute pose from 2D-3D matches: RANSAC with a prior, then robust least squares."""
 
 from __future__ import annotations

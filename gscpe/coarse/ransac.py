@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Absolute poses sampled by LO-RANSAC, with pycolmap or OpenCV: one interface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Public data sets and the user's own captures, in the folder layouts that they come in."""
 
 from gscpe.datasets.cambridge import read_cambridge

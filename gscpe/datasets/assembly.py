@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From what a reader found to a Dataset, alike for all readers."""
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def make_dataset(
     lost = sorted(set(cameras) - set(kept))
     if lost:
         _logger.warning(
-            "%s %s: %d of %d photos have no usable pose and are left out, the first is %s",
+            "%s %s: %d of %d photos have no usable pose and are left out; the first is %s",
             *(name, scene, len(lost), len(cameras), lost[0]),
         )
     asked = set(queries)

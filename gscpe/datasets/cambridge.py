@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cambridge Landmarks: Kendall, Grimes, Cipolla, "PoseNet", ICCV 2015."""
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def _read_split(path: Path) -> dict[str, Float64Array]:
         pose[:3, 3] = -pose[:3, :3] @ values[:3]
         poses[name] = pose
     if not poses:
-        raise DatasetError(f"{path} lists no photos; copy it again from {SOURCE}")
+        raise DatasetError(f"{path} lists no photos; download it again from {SOURCE}")
     return poses
 
 
@@ -108,7 +109,7 @@ def _cameras_of_nvm(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[st
     for photo, (width, height) in sizes.items():
         values = known.get(without_ending(photo))
         if values is None:
-            raise DatasetError(f"{path} has no camera of {photo}; copy it again from {SOURCE}")
+            raise DatasetError(f"{path} has no camera for {photo}; download it again from {SOURCE}")
         try:
             cameras[photo] = nvm_camera(width, height, *values)
         except CameraError as error:
@@ -135,6 +136,6 @@ def _cameras_of_models(
     for photo, (width, height) in sizes.items():
         camera = known.get(without_ending(photo))
         if camera is None:
-            raise DatasetError(f"{models[0]} has no camera of {photo}; give the whole model")
+            raise DatasetError(f"{models[0]} has no camera for {photo}; give the whole model")
         cameras[photo] = camera.resized(width, height)
     return cameras

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any COLMAP model, split into references and queries, or with a query list of hloc's form."""
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def _with_queries(
         raise DatasetError(f"{truth} has no pose of a photo of {queries}")
     if len(known) < len(cameras):
         _logger.warning(
-            "%d of the %d photos of %s are not there or have no pose in %s, and are left out",
+            "%d of the %d photos of %s are missing or have no pose in %s, and are left out",
             *(len(cameras) - len(known), len(cameras), queries, truth),
         )
     listed = [Query(photo, cameras[name]) for photo, name in known.items()]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every data set comes down to: references, queries, and one or more ground truths."""
 
 from __future__ import annotations

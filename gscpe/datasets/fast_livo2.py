@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """FAST-LIVO2 (LiDAR, inertial, visual): its photos, trajectory and calibration.
 
 Zheng et al., "FAST-LIVO2: Fast, Direct LiDAR-Inertial-Visual Odometry", IEEE T-RO 2024;
@@ -113,7 +114,7 @@ def _read_camera(path: Path, photo: Path) -> Camera:
     # FAST-LIVO2 saves photos at `scale` times their size, rounded to whole pixels.
     if abs(width * calibrated[1] / calibrated[0] - height) > 1.0:
         raise DatasetError(
-            f"{photo} is {width}x{height}, which is no scaled "
+            f"{photo} is {width}x{height}, which is not a scaled "
             f"{calibrated[0]:.0f}x{calibrated[1]:.0f} of {path}"
         )
     # d0 to d3 are OpenCV's k1, k2, p1, p2. The calibration has OpenCV's pixels, too: the centre

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text files of data sets: read whole, with errors that say where a missing one comes from."""
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def reading(path: Path, source: str) -> Iterator[None]:
     except OSError as error:
         raise DatasetError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise DatasetError(f"{path} is not a text file; copy it again from {source}") from error
+        raise DatasetError(f"{path} is not a text file; download it again from {source}") from error
 
 
 def read_text(path: Path, source: str) -> str:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses that files hold as 4x4 matrices, camera to world."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """transforms.json of nerfstudio and instant-ngp, and the Blender scenes of NeRF.
 
 https://docs.nerf.studio/quickstart/data_conventions.html
@@ -119,7 +120,7 @@ def _read_json(path: Path) -> Mapping[str, Any]:
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path} is not a JSON file: {error}") from None
     if not isinstance(tree, dict):
-        raise DatasetError(f"{path} is not a transforms.json: it holds no object")
+        raise DatasetError(f"{path} is not a transforms.json: it does not hold a JSON object")
     return tree
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras of VisualSFM's NVM_V3 files, and its lens distortion as COLMAP's FULL_OPENCV.
 
 A line a camera: ``file focal qw qx qy qz cx cy cz radial 0``; http://ccwu.me/vsfm/doc.html#nvm.
@@ -33,7 +34,7 @@ def read_nvm_cameras(path: Path, source: str) -> dict[str, tuple[float, float]]:
         lines = ((i, line.split()) for i, line in enumerate(file, 1) if line.strip())
         _, header = next(lines, (0, [""]))
         if header[0] != "NVM_V3":
-            raise DatasetError(f"{path} is not a file of VisualSFM: it begins without NVM_V3")
+            raise DatasetError(f"{path} is not a VisualSFM file: it does not begin with NVM_V3")
         number, count = next(lines, (0, []))
         (total,) = parse_numbers(count, 1, f"{path}, line {number}", "number of cameras")
         cameras: dict[str, tuple[float, float]] = {}
@@ -43,7 +44,7 @@ def read_nvm_cameras(path: Path, source: str) -> dict[str, tuple[float, float]]:
             values = parse_numbers(words[1:], 10, f"{path}, line {number}", _FORM)
             cameras[words[0]] = values[0], values[8]
     if len(cameras) != total:
-        raise DatasetError(f"{path} is cut off: {len(cameras)} of {total:.0f} cameras")
+        raise DatasetError(f"{path} is truncated: {len(cameras)} of {total:.0f} cameras")
     return cameras
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of data sets on disk: which there are, what they are called, how large they are."""
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def photos_on_disk(folder: Path, names: Iterable[str], source: str) -> dict[str,
         )
     if lost:
         _logger.warning(
-            "%d of %d photos are not in %s and are left out, the first is %s",
+            "%d of %d photos are not in %s and are left out; the first is %s",
             *(len(lost), len(listed), folder, lost[0]),
         )
     return found
@@ -102,7 +103,7 @@ def check_sizes(folder: Path, cameras: Mapping[str, Camera]) -> None:
         if (width, height) != key[1:]:
             raise DatasetError(
                 f"{folder / name} is {width}x{height}, but its camera is "
-                f"{camera.width}x{camera.height}; give the photos that the cameras are of"
+                f"{camera.width}x{camera.height}; give the photos that the cameras belong to"
             )
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plain folders of RGB-D photos with poses: one camera, photos, and poses in one of two forms."""
 
 from __future__ import annotations
@@ -89,8 +90,8 @@ def _read_poses(root: Path, names: list[str]) -> dict[str, Float64Array]:
         return poses
     if len(trajectory.stamps) != len(names):
         raise DatasetError(
-            f"{path} has {len(trajectory.stamps)} poses, but {root / 'rgb'} {len(names)} photos "
-            "that are not named by their time"
+            f"{path} has {len(trajectory.stamps)} poses, but {root / 'rgb'} has {len(names)} "
+            "photos that are not named by their time"
         )
     return {
         name: inverse(pose) for name, pose in zip(names, trajectory.world_from_body, strict=True)

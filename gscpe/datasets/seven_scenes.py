@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """7-Scenes (Microsoft Research), with its own poses or the SfM pseudo ground truth.
 
 Shotton et al., "Scene Coordinate Regression Forests for Camera Relocalization in RGB-D Images",

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which photos are queries, where a data set does not say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories in the TUM form: ``stamp tx ty tz qx qy qz qw``, body to world."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibrations in YAML, as FAST-LIVO2 and OpenCV write them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demonstration: the main job on real photos, with a known answer and no download."""
 
 from __future__ import annotations

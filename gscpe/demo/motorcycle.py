@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Middlebury Motorcycle pair: real photos with a true pose, and no download.
 
 The pair ships inside scikit-image (``skimage.data.stereo_motorcycle``; Scharstein et al.,

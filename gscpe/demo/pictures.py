@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demonstration's overview, which says in the picture how it is to be read."""
 
 from __future__ import annotations

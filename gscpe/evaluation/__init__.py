@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors against known poses, and tables of them."""
 
 from gscpe.evaluation.conventions import Explanation, explain_errors

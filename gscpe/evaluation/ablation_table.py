@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is lost when a part is left out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How exact a benchmark's poses are: median errors by scene, and shares within limits.
 
 The paper's numbers stand beside ours only where data set, ground truth and split are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether poses are wrong because they are of another convention, or of another world.
 
 Inverted poses, a quaternion in another order, and OpenGL's axes are plain mistakes with large
@@ -14,7 +15,8 @@ from typing import Callable, Iterator, Literal, Mapping
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.geometry.alignment import Similarity, umeyama
+from gscpe.geometry.alignment import umeyama
+from gscpe.geometry.similarity_transform import Similarity
 
 Convention = Literal["inverted", "quaternion", "opengl"]
 
@@ -126,8 +128,8 @@ def _fit(poses: Float64Array, target: Float64Array, with_scale: bool) -> Similar
     apart = [np.median(np.linalg.norm(turns - vote, axis=(1, 2))) for vote in votes]
     rotation = votes[int(np.argmin(apart))]
     scale = _spread(target) / _spread(poses) if with_scale else 1.0
-    first = Similarity(rotation, np.median(b - scale * a @ rotation.T, axis=0), scale)
-    misses = np.linalg.norm(first.points(a) - b, axis=1)
+    first = Similarity(scale, rotation, np.median(b - scale * a @ rotation.T, axis=0))
+    misses = np.linalg.norm(first.apply(a) - b, axis=1)
     half = np.argsort(misses)[: max(3, (len(a) + 1) // 2)]
     second = umeyama(a[half], b[half], with_scale)
     spread = _spread(target)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The field's numbers: median errors, and shares within thresholds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the paper GS-CPE reports, to stand beside our own numbers.
 
 H. Weng, C. M. Yeum, S.-M. Kang: "GS-CPE: Unified 6-Degree-of-Freedom Camera Pose Estimation

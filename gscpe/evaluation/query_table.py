@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every query of a run: what came of it, how far off it is, and how sure it is."""
 
 from __future__ import annotations

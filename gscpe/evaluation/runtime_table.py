@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long queries took, by stage."""
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def runtime_table(runs: Sequence[SceneRun]) -> Table:
         stages = {stage: {"published_s": s} for stage, s in zip(_TIMED, seconds, strict=True)}
         records.append({"name": name, "published": True, "stages": stages})
     return Table(
-        "Seconds a query: median / mean",
+        "Seconds per query: median / mean",
         ("", *_TIMED),
         tuple(rows),
         ("over the queries that reached a stage", *_setups(runs)),
@@ -70,7 +71,7 @@ def stage_times_table(details: Sequence[Mapping[str, Any]]) -> Table:
             }
         )
     return Table(
-        "Seconds a query, by stage",
+        "Seconds per query, by stage",
         ("", "queries", "median", "90% within", "longest", "share of the time"),
         tuple(rows),
         ("over the queries that reached a stage",),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What came of localizing the queries of one scene, beside the truth."""
 
 from __future__ import annotations

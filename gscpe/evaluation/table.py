@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table, and how it is written as text, Markdown, LaTeX and JSON; the report's template writes
 it as HTML."""
 

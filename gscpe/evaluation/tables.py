@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of a benchmark: accuracy, shares within limits, runtime."""
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def accuracy_tables(runs: Sequence[SceneRun]) -> tuple[Table, ...]:
                 tables.append(shares_table(dataset, truth, known))
         if len(known) < len(group):
             scenes = ", ".join(run.scene for run in group if run not in known)
-            note = f"{truth} knows none of these photos of {scenes}: there are no errors"
+            note = f"{truth} has none of these photos of {scenes}: there are no errors"
             tables.append(Table(f"{dataset}, ground truth {truth}: {scenes}", ("",), (), (note,)))
     return tuple(tables)
 
@@ -69,5 +70,5 @@ def _groups(runs: Sequence[SceneRun]) -> Iterator[tuple[str, str, list[SceneRun]
         scenes = [run.scene for run in group]
         twice = [scene for scene in scenes if scenes.count(scene) > 1]
         if twice:
-            raise DatasetError(f"{dataset} {twice[0]} was run twice; give one run a scene")
+            raise DatasetError(f"{dataset} {twice[0]} was run twice; give one run for each scene")
         yield dataset, truth, group

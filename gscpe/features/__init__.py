@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Local features of an image, which retrieval and matching share."""
 
 from gscpe.features.sift import LocalFeatures, SiftSettings, extract_sift

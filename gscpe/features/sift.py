@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RootSIFT (Arandjelovic and Zisserman, CVPR 2012) through OpenCV."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """XFeat (Potje et al., CVPR 2024): learned keypoints and descriptors, through onnxruntime."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pure NumPy geometry: SE(3), cameras, projection. No files, no OpenGL.
 
 Conventions (docs/conventions.md): ``cam_from_world`` maps world points into an

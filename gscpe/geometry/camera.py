@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera intrinsics in COLMAP's pixel convention, and the COLMAP camera models."""
 
 from __future__ import annotations
@@ -204,7 +205,7 @@ class Camera:
         if (width, height) != (self.width, self.height):
             raise CameraError(
                 f"{what} is {width}x{height}, but its camera is {self.width}x{self.height}; "
-                "give the camera of this very image size"
+                "give the camera for this image size"
             )
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Covariances from information matrices that may be singular."""
 
 from __future__ import annotations

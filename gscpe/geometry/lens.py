@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a lens images a direction: OpenCV's rational distortion and COLMAP's fisheye models."""
 
 from __future__ import annotations

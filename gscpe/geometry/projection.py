@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pinhole projection and its derivatives.
 
 Pixels are (u, v), the centre of the top-left pixel at (0.5, 0.5); points are in the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid transforms as 4x4 float64 matrices, and their tangent vectors.
 
 A tangent vector is ``xi = (translation, rotation)``, (6,) float64, and perturbs

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which way is up, as far as the cameras tell."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One photo: where to begin, attempts, their fusion, and whether the pose can be trusted."""
 
 from gscpe.localization.attempt import Attempt

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Between the world, the frame of whoever calls, and the map's own frame (gscpe.scene.MapFrame)."""
 
 from __future__ import annotations

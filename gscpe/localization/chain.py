@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is tried for a photo: starts, coarse stage, refinement, and whether to trust it."""
 
 from __future__ import annotations

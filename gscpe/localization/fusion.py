@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Combines the two estimates of a pose, from matches and from image alignment.
 
 They err differently: matches by the map's geometry and the features' places, the alignment by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a photo is too dark or too bright to show anything."""
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ def trouble_with_light(photo: Photo) -> str | None:
     seen = photo.rgb if photo.valid is None else photo.rgb[photo.valid]
     pixels = seen.reshape(-1, 3)
     if not len(pixels):
-        return "nothing of the photo can be seen: it is masked all over"
+        return "the whole photo is masked: nothing is left to match"
     brightest = float(np.quantile(pixels.max(axis=1), 1.0 - _SPARKS, method="lower"))
     darkest = float(np.quantile(pixels.min(axis=1), _SPARKS, method="higher"))
     if brightest <= _DARK:

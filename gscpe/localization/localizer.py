@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pipeline: one persistent object, one call a photo."""
 
 from __future__ import annotations
@@ -66,12 +67,13 @@ class Localizer(Closing):
     ) -> None:
         if isinstance(map_, GaussianScene):
             raise MapError(
-                "a Localizer needs a Map, not a splat alone: gscpe.build_map makes one of a splat "
-                "and its photos, gscpe.map_without_references(scene) one that needs prior poses"
+                "a Localizer needs a Map, not a splat alone: gscpe.build_map makes one from a "
+                "splat and its photos, gscpe.map_without_references(scene) one that needs prior "
+                "poses"
             )
         if not isinstance(settings, LocalizerSettings | None):
             raise SettingsError(
-                f"a Localizer's settings are LocalizerSettings, not a {type(settings).__name__}"
+                f"a Localizer's settings must be LocalizerSettings, not a {type(settings).__name__}"
             )
         map_ = map_ if isinstance(map_, Map) else open_map(map_)
         self.map = map_
@@ -146,9 +148,11 @@ class Localizer(Closing):
         if isinstance(prior, LocalizationResult):
             prior = self._prior_of(prior)
         if not isinstance(prior, PosePrior | None):
-            raise PoseError(f"a prior is a PosePrior or a result, not a {type(prior).__name__}")
+            raise PoseError(
+                f"a prior must be a PosePrior or a result, not a {type(prior).__name__}"
+            )
         if isinstance(references, str):
-            raise MapError(f"references are a list of names: give [{references!r}]")
+            raise MapError(f"references must be a list of names: give [{references!r}]")
         knows_rotation = prior is not None and self._places.knows_rotation(prior)
         if not knows_rotation and not len(self.map.references):
             raise MapError(
@@ -200,8 +204,11 @@ class Localizer(Closing):
 
     def _estimate_camera(self, image: UInt8Array, guess: Camera | None) -> Camera:
         if not len(self.map.references):
-            raise MapError("a map without reference photos cannot tell a camera's focal length")
-        image = check_image(image)
+            raise MapError(
+                "a focal length cannot be estimated with a map without reference photos; give "
+                "the camera"
+            )
+        image = check_image(image, transparent=True)
         photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
         longer_side = max(photo.camera.width, photo.camera.height)
         larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Looks on while a photo is localized."""
 
 from __future__ import annotations

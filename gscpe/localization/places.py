@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a photo may have been taken: a prior, and the places that reference photos show."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a localizer answers."""
 
 from __future__ import annotations
@@ -73,6 +74,7 @@ class LocalizationResult:
         best = max(attempts, key=Attempt.rank, default=None)
         if best is None:
             return cls(False, NO_FEATURES, None, None, camera, None, (), seconds)
+        in_world = tuple(attempt_in_world(attempt, frame) for attempt in attempts)
         pose = covariance = None
         if best.doubt is None:
             cam_from_map, in_map_units = _final_pose(best, camera, settings)
@@ -86,8 +88,8 @@ class LocalizationResult:
             cam_from_world=pose,
             covariance=covariance,
             camera=camera,
-            best=attempt_in_world(best, frame),
-            attempts=tuple(attempt_in_world(attempt, frame) for attempt in attempts),
+            best=in_world[attempts.index(best)],
+            attempts=in_world,
             seconds=seconds,
         )
 

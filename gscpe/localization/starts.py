@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where to begin: a prior pose, or reference photos that show different places, best first."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos that were taken with the camera held upside down or on its side.
 
 Learned features match upright photos alone. So a photo that is not recognized is turned by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras whose intrinsics nobody wrote down."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a pose can be trusted. A wrong pose is worse than none."""
 
 from __future__ import annotations
@@ -97,8 +98,8 @@ def _doubt_about_focal_length(
     if coarse.focal is None or focal_contradiction(coarse, camera) <= settings.max_focal_error:
         return None
     return (
-        f"the matches ask for {coarse.focal.ratio:.3g} times the camera's focal length: give its "
-        "true intrinsics, or none, and they are estimated"
+        f"the matches fit {coarse.focal.ratio:.3g} times the camera's focal length: give the "
+        "correct intrinsics, or none to have them estimated"
     )
 
 
@@ -189,7 +190,7 @@ def doubt_about_tracked(
         or shift.degrees > settings.prior_sigmas * prior.rotation_sigma_degrees
     ):
         return (
-            f"the alignment left the prior by {frame.length_text(shift.distance)} and "
+            f"the alignment moved away from the prior by {frame.length_text(shift.distance)} and "
             f"{shift.degrees:.2f} degrees"
         )
     unit = aligned.tolerance_unit

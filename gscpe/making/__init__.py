@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps from photos or a video, in one go, and how good they are."""
 
 from gscpe.making.certificate import Certificate, CertifiedPhoto, certify, read_certificate

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How good a map is: photos that it was not made of are localized in it."""
 
 from __future__ import annotations

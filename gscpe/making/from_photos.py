@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos or a video in, a map out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How maps are made of photos, and when they are good."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A map from one RGB-D photo: a thin surfel a pixel, with fitted colours.
 
 One fat disc a pixel would be wrong: overlapping discs composite front to back and shift

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A map from a trained splat and the photos that it was trained on."""
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from typing import Sequence, overload
 import numpy as np
 
 from gscpe.errors import MapError, SettingsError, SplatError
+from gscpe.mapping.reference_photos import reference_photo
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import (
     GaussianScene,
@@ -16,8 +18,6 @@ from gscpe.scene import (
     Map,
     Photo,
     References,
-    read_image_of,
-    to_photo,
 )
 
 
@@ -116,6 +116,4 @@ class _ReferencePhotos(Sequence[Photo]):
     def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        path = self._folder / self._references.names[index]
-        camera = self._references.cameras[index]
-        return to_photo(read_image_of(path, camera), camera)
+        return reference_photo(self._references, index, self._folder)

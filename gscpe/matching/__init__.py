@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Point matches between a photo and a render, behind one protocol."""
 
 from gscpe.matching.choose import MATCHERS, make_matcher, matcher_name

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LighterGlue: LightGlue (Lindenberger et al., ICCV 2023) for XFeat, through onnxruntime."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any two-image matcher in an ONNX file, whose form docs/formats.md describes."""
 
 from __future__ import annotations
@@ -191,7 +192,7 @@ class OnnxMatcher:
         if first != second or first[0] not in (1, 3):
             raise ModelError(
                 f"{self._path}: images are of shapes {inputs['image0'].shape} and "
-                f"{inputs['image1'].shape}; both must be alike, with a fixed 1 or 3 channels"
+                f"{inputs['image1'].shape}; both must have the same shape, with 1 or 3 channels"
             )
         return first[0], (first[2], first[1])
 
@@ -227,7 +228,7 @@ def _read_settings(path: Path) -> OnnxMatcherSettings:
             raise ValueError(f"polish must be true or false, not {polishing!r}")
         return OnnxMatcherSettings(**values, polish=PolishSettings() if polishing else None)
     except (OSError, ValueError, SettingsError) as error:
-        raise ModelError(f"{path} cannot be used: {error}; correct or remove it") from error
+        raise ModelError(f"{path} cannot be used: {error}; correct or delete it") from error
 
 
 def _resized(pixels: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Moves matches to sub-pixel by Lucas-Kanade on locally normalized images."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RootSIFT with Lowe's ratio test and a mutual check, polished to sub-pixel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """XFeat: mutual nearest neighbours, polished to sub-pixel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trained networks: where they are, how they are made, how they are opened."""
 
 from gscpe.models.folder import InstalledFile, installed_files, model_path, models_folder

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which models there are, where their weights come from, and under which licence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The user's model folder: ``MODEL/NETWORK.onnx`` with a manifest, licence and attribution."""
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ VERSION = 1
 FOLDER_VARIABLE = "GSCPE_MODELS"
 _MANIFEST = "model.json"
 _NO_HOME = (
-    "this user has no home, so there is no folder of trained networks; set the environment "
-    f"variable {FOLDER_VARIABLE} to one"
+    "this user has no home directory, so there is no folder for trained networks; set the "
+    f"environment variable {FOLDER_VARIABLE} to a folder"
 )
 
 
@@ -121,7 +122,7 @@ def write_model(source: ModelSource, networks: Mapping[str, bytes], licence: byt
     except OSError as error:
         raise OutputError(
             f"models cannot be written to {folder}: {error.strerror}; "
-            f"choose another folder with the environment variable {FOLDER_VARIABLE}"
+            f"name another folder in the environment variable {FOLDER_VARIABLE}"
         ) from error
     return folder
 

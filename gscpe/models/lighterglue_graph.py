@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LighterGlue as an ONNX graph: LightGlue (Lindenberger et al., ICCV 2023) of six layers, one
 attention head and 96 channels, trained by the authors of XFeat for its descriptors.
 

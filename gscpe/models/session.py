@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opens and runs networks with onnxruntime, with typed errors."""
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ def check_signature(session: Any, path: str | Path, signature: Signature) -> Non
         names, wanted = [each.name for each in found], [each.name for each in expected]
         if names != wanted:
             raise ModelError(
-                f"{path} is another network than expected: its {kind} are "
+                f"{path} is not the expected network: its {kind} are "
                 f"{', '.join(names)} instead of {', '.join(wanted)}"
             )
         for tensor, spec in zip(found, expected, strict=True):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensors of a PyTorch checkpoint, read without PyTorch and without running what is in it.
 
 The format: a zip archive with a pickle (``data.pkl``), which names storages, and their
@@ -48,7 +49,7 @@ def read_tensors(data: bytes, name: str) -> dict[str, NDArray[Any]]:
     if not isinstance(tensors, Mapping) or not all(
         isinstance(key, str) and isinstance(value, np.ndarray) for key, value in tensors.items()
     ):
-        raise ModelError(f"{name} holds something else than named tensors")
+        raise ModelError(f"{name} does not hold named tensors")
     return dict(tensors)
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """XFeat (Potje et al., CVPR 2024) as an ONNX graph: one grey image to a map of keypoints, of
 their reliability, and of descriptors.
 

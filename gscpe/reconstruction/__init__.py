@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos or videos put together to a model of a place (structure from motion, by pycolmap)."""
 
 from gscpe.reconstruction.frame import ModelFrame

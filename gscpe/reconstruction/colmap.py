@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Structure from motion through pycolmap, in steps that can be interrupted and go on.
 
 All that is found goes into a database, step by step; what is there is not done again.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frame of a finished model: up is up, the scene is in the middle, and the unit is known or
 not."""
 
@@ -9,7 +10,7 @@ from typing import Any, Mapping
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.geometry.alignment import Similarity
+from gscpe.geometry.similarity_transform import Similarity
 from gscpe.geometry.up import common_up
 from gscpe.reconstruction.scale import (
     ScaleSource,
@@ -73,7 +74,7 @@ def levelled(
     extent of the cameras onto x, and the median of the points, (N, 3), into the origin."""
     middle = np.median(points, axis=0) if len(points) else np.zeros(3)
     if up is None:
-        return Similarity(np.eye(3), -middle)
+        return Similarity(1.0, np.eye(3), -middle)
     centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
     level = centres - centres.mean(axis=0)
     level -= np.outer(level @ up, up)
@@ -83,7 +84,7 @@ def levelled(
         along = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     along /= np.linalg.norm(along)
     rotation = np.stack([along, np.cross(up, along), up])
-    return Similarity(rotation, -rotation @ middle)
+    return Similarity(1.0, rotation, -rotation @ middle)
 
 
 def poses_of(model: Any) -> dict[str, Float64Array]:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of a video that are worth having: evenly along the way, and the sharpest there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is to be left out of photos: people, cars, one's own shadow."""
 
 from __future__ import annotations

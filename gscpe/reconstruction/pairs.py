@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which photos are worth matching with each other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos as they are put together: upright, not too large, and sorted by the camera that took
 them."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From photos or a video to their poses and a cloud of points."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tells how large a model is, and where: nothing, GPS, known poses, or a known distance."""
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import ReconstructionError, SettingsError
-from gscpe.geometry.alignment import Similarity, umeyama
+from gscpe.geometry.alignment import umeyama
+from gscpe.geometry.similarity_transform import Similarity
 from gscpe.scene.gps import local_metres
 from gscpe.scene.poses import read_pose_file
 
@@ -132,7 +134,7 @@ def scaled_like_gps(
     ours = _centres(np.stack([level[name] for name in names]))
     flat_ours, flat_theirs = ours * (1.0, 1.0, 0.0), theirs * (1.0, 1.0, 0.0)
     moved, inliers = robust_similarity(flat_ours, flat_theirs, about_z=True)
-    misses = np.linalg.norm(moved.points(flat_ours) - flat_theirs, axis=1)
+    misses = np.linalg.norm(moved.apply(flat_ours) - flat_theirs, axis=1)
     spread = np.sqrt(np.mean(np.sum((flat_theirs - flat_theirs.mean(axis=0)) ** 2, axis=1)))
     if spread <= 0 or np.median(misses) > _MOST_GPS_ERROR * spread:
         raise ReconstructionError(
@@ -141,7 +143,7 @@ def scaled_like_gps(
         )
     height = np.median(theirs[inliers, 2] - moved.scale * ours[inliers, 2])
     translation = moved.translation + np.array([0.0, 0.0, height])
-    return Similarity(moved.rotation, translation, moved.scale), (
+    return Similarity(moved.scale, moved.rotation, translation), (
         float(origin[0]),
         float(origin[1]),
         float(origin[2]),
@@ -166,7 +168,7 @@ def scaled_by_distance(
     apart = float(np.linalg.norm(first - second))
     if apart < 1e-9:
         raise ReconstructionError(f"{' and '.join(source.between)} were taken from one place")
-    return Similarity(np.eye(3), np.zeros(3), source.metres / apart)
+    return Similarity(source.metres / apart, np.eye(3), np.zeros(3))
 
 
 def robust_similarity(
@@ -189,13 +191,13 @@ def robust_similarity(
     for trial in range(_TRIALS):
         some = np.arange(count) if trial == 0 else rng.choice(count, size, replace=False)
         tried = fit(points_a[some], points_b[some])
-        misses = np.linalg.norm(tried.points(points_a) - points_b, axis=1)
+        misses = np.linalg.norm(tried.apply(points_a) - points_b, axis=1)
         median = float(np.median(misses))
         if median < least:
             best, least = tried, median
     # Few points beyond those that the sample fits look better than they are.
     reach = _SIGMAS * (1.0 + 5.0 / max(count - size, 1)) * max(least, 1e-9)
-    inliers = np.linalg.norm(best.points(points_a) - points_b, axis=1) <= reach
+    inliers = np.linalg.norm(best.apply(points_a) - points_b, axis=1) <= reach
     if np.count_nonzero(inliers) >= size:
         best = fit(points_a[inliers], points_b[inliers])
     return best, np.asarray(inliers)
@@ -211,7 +213,7 @@ def _about_z(points_a: Float64Array, points_b: Float64Array) -> Similarity:
     cos, sin = np.cos(angle), np.sin(angle)
     rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     shift = mean_b - scale * np.exp(1j * angle) * mean_a
-    return Similarity(rotation, np.array([shift.real, shift.imag, 0.0]), scale)
+    return Similarity(scale, rotation, np.array([shift.real, shift.imag, 0.0]))
 
 
 def _centres(cam_from_world: Float64Array) -> Float64Array:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How photos are put together."""
 
 from __future__ import annotations

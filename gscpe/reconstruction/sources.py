@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is to be put together: folders of photos, and videos."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A folder for what is not finished yet, so that a run can go on where it was interrupted."""
 
 from __future__ import annotations

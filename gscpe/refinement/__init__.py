@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Algorithm 2 of the paper, with Lucas-Kanade in place of Adam."""
 
 from gscpe.refinement.exposure import ClippingSettings

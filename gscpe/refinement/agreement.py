@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well an anchor, brought to the photo, looks like it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos that are exposed so long that their brightest parts are clipped.
 
 A gain and a bias fitted over clipped pixels are far off, and leaving these pixels out is no

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The refinement loop (paper, Algorithm 2)."""
 
 from __future__ import annotations
@@ -261,10 +262,10 @@ def _align_levels(
         if alignment is None and level >= settings.turned_level and settings.turned_degrees > 0:
             degrees = settings.turned_degrees
             found = align_from_turned_starts(
-                template, anchor, photo, gain, bias, degrees, solver, observer
+                template, anchor, photo, gain, bias, degrees, solver, observer.iterated
             )
         else:
-            found = align(template, photo, photo_from_anchor, gain, bias, solver, observer)
+            found = align(template, photo, photo_from_anchor, gain, bias, solver, observer.iterated)
         if found is None:
             if level > 0:
                 continue  # it ran away; a larger image may hold it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inverse-compositional Lucas-Kanade over SE(3), gain and bias (design: docs/how-it-works.md).
 
 Baker and Matthews, "Lucas-Kanade 20 years on" (IJCV 2004), with a rendered template that
@@ -13,6 +14,7 @@ sought. For a template pixel x with camera-frame point X = depth * K^-1 x:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Callable
 
 import cv2
 import numpy as np
@@ -22,7 +24,6 @@ from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import unproject_image
-from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
@@ -164,7 +165,7 @@ def align(
     gain: float,
     bias: float,
     settings: LucasKanadeSettings,
-    observer: RefinementObserver | None = None,
+    iterated: Callable[[Float64Array], None] | None = None,
 ) -> Alignment | None:
     """Aligns a template to the photo, or None when they hardly overlap.
 
@@ -174,7 +175,7 @@ def align(
         photo_from_anchor: (4, 4) start.
         gain, bias: start.
         settings: see :class:`LucasKanadeSettings`.
-        observer: is told of each iteration.
+        iterated: is told the pose, (4, 4), after each iteration.
     """
     n, unknowns = len(template.intensities), 8 if settings.gain_and_bias else 6
     design = np.empty((n, 8), dtype=np.float32)
@@ -199,8 +200,8 @@ def align(
         if settings.gain_and_bias:
             gain, bias = gain + step[6], bias + step[7]
         iterations += 1
-        if observer is not None:
-            observer.iterated(photo_from_anchor)
+        if iterated is not None:
+            iterated(photo_from_anchor)
         moved = np.sqrt(step[:6] @ template.motion @ step[:6])
         converged = bool(moved < settings.converged_pixels)
     return Alignment(

@@ -1,14 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """Looks on while a pose is refined: for tools that measure, and for pictures of the way."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from gscpe.arrays import BoolArray, Float64Array
+from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.render import RenderedView
-
-if TYPE_CHECKING:
-    from gscpe.refinement.lucas_kanade import Alignment
 
 
 class RefinementObserver:

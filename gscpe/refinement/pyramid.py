@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Image pyramids that keep pixel centres: u at level s is u / 2^s exactly."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tukey's biweight (Beaton and Tukey, Technometrics 1974) and a robust scale."""
 
 from __future__ import annotations

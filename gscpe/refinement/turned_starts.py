@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tries turned cameras on the smallest image, where an alignment costs next to nothing.
 
 A camera that is turned by a few degrees moves the picture by more than the smallest image's
@@ -7,13 +8,14 @@ starts is near enough, and photo and render look alike only in the right place.
 
 from __future__ import annotations
 
+from typing import Callable
+
 import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, Template, align
-from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 
 _LEAST_OVERLAP = 0.3
@@ -31,7 +33,7 @@ def align_from_turned_starts(
     bias: float,
     degrees: float,
     settings: LucasKanadeSettings,
-    observer: RefinementObserver | None = None,
+    iterated: Callable[[Float64Array], None] | None = None,
 ) -> Alignment | None:
     """The alignment that looks most alike, of seven: not turned, and turned by so many degrees
     about each axis, either way. None when none of them held.
@@ -42,11 +44,11 @@ def align_from_turned_starts(
         degrees: that the camera is turned by, left, right, up and down; and 1.6 times so many
             about its axis.
         settings: of the solver.
-        observer: is told of each iteration.
+        iterated: is told the pose after each iteration.
     """
     best: tuple[float, Alignment] | None = None
     for start in _turns(degrees):
-        found = align(template, photo, start, gain, bias, settings, observer)
+        found = align(template, photo, start, gain, bias, settings, iterated)
         if found is None:
             continue
         agreement, overlap = photometric_agreement(anchor, photo, found.photo_from_anchor)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How sure an alignment is, judged by what it could not explain.
 
 Where photo and render differ, they differ over whole regions: the map is a little off there, or
@@ -55,9 +56,9 @@ class PoseUncertainty:
 
     Attributes:
         covariance: (6, 6).
-        unshared: (6, 6), the part of it that is there because photo and render do not show the
-            same gradients: nothing where they do, very much along stripes. Whoever compares the
-            two images, by whatever means, knows no better.
+        unshared: (6, 6), the part of it that is there because photo and render show hardly any
+            gradients in common along some direction: nothing in usual scenes, very much along
+            stripes. Whoever compares the two images, by whatever means, knows no better.
         by_log_focal: (6,) how the pose follows the logarithm of the photo's focal lengths, which
             the covariance takes as exact.
     """
@@ -76,6 +77,9 @@ class UncertaintySettings:
         shrinkage: there are few blocks beside the 36 numbers that they determine, so this
             share of them is replaced by their mean, the shape being that of H.
         factor: the covariance is multiplied by it (calibrated, docs/benchmarks.md).
+        enough_shared: share of the gradients' information that both images have in common, from
+            which on a direction counts as seen by other means than the alignment too; less than
+            half of it: not at all.
         least_pixels: what moves the picture by less cannot be told by any renderer and any
             interpolation; root mean square.
     """
@@ -83,6 +87,7 @@ class UncertaintySettings:
     blocks: int = 10
     shrinkage: float = 0.5
     factor: float = 2.5
+    enough_shared: float = 0.3
     least_pixels: float = 0.004
 
 
@@ -141,7 +146,9 @@ def pose_uncertainty(
 
     floor = settings.least_pixels**2 * covariance_from_information(template.motion)
     covariance = of_pose(1.0 / np.sqrt(kept)) + to_photo @ floor @ to_photo.T
-    unshared = of_pose(np.sqrt(1.0 / kept - 1.0))
+    # All of it where hardly anything is shared, nothing where enough is.
+    blind = np.clip(2.0 - kept / (0.5 * settings.enough_shared), 0.0, 1.0)
+    unshared = of_pose(np.sqrt(blind * (1.0 / kept - 1.0)))
     # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
     by_focal = -gain * template.jacobian[:, 2] * template.points[2]
     right = np.asarray((design * weights) @ by_focal, dtype=np.float64)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which pixels of an anchor render can be trusted (paper, section on the visibility mask)."""
 
 from __future__ import annotations

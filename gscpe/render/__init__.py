@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rendering of splats, with OpenGL off-screen or on the CPU. No GL object leaves this room."""
 
 from gscpe.render.context import DriverInfo, driver_info

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiles a loop with Numba, and keeps it on disk where there is a place for that.
 
 Numba compiles anew what has changed in a loop's own file; of a change in this one it knows nothing
@@ -56,14 +57,14 @@ def _has_place() -> bool:
         _config.CACHE_DIR = str(folder)
         if _can_keep():
             _log.warning(
-                "the compiled CPU rasterizer is kept in %s: neither gscpe's folder nor a home can "
-                "be written (NUMBA_CACHE_DIR names another folder)",
+                "keeping the compiled CPU rasterizer in %s: neither gscpe's folder nor a home "
+                "directory is writable (NUMBA_CACHE_DIR sets another folder)",
                 folder,
             )
             return True
     _log.warning(
-        "the CPU rasterizer is compiled anew by each process: there is no folder to keep it in "
-        "(NUMBA_CACHE_DIR names one)"
+        "each process compiles the CPU rasterizer again: no writable folder was found to keep it "
+        "in (NUMBA_CACHE_DIR sets one)"
     )
     return False
 

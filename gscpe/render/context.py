@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Creates off-screen OpenGL contexts, and finds out what stands in the way of one."""
 
 from __future__ import annotations
@@ -85,7 +86,9 @@ def create_context() -> moderngl.Context:
         raise RenderError(f"the OpenGL driver is too old: {found}, 3.3 is needed; update it")
     if failures:
         tried = "; ".join(f"{attempt.way}: {attempt.error}" for attempt in failures)
-        _log.warning("OpenGL by %s, since others failed (%s)", context.extra, tried)
+        _log.warning(
+            "using OpenGL through %s, because other ways failed (%s)", context.extra, tried
+        )
     return context
 
 
@@ -188,7 +191,8 @@ def _opengl_facts() -> OpenGLFacts:
     )
     if context is None:
         return facts
-    info = describe(context)
+    with context:
+        info = describe(context)
     context.release()
     if info.version_code < REQUIRED_GL:
         old = ContextFailure(info.reached_by, f"the driver is too old: {info.version}")
@@ -222,7 +226,8 @@ def driver_info() -> DriverInfo:
 def _driver_info() -> DriverInfo:
     context = create_context()
     try:
-        return describe(context)
+        with context:  # at the end it is not current any more, and can really be released
+            return describe(context)
     finally:
         context.release()
 
@@ -238,5 +243,5 @@ def check_errors(context: moderngl.Context, doing: str) -> None:
         return
     remedy = "; render smaller images or a smaller splat" if error == "GL_OUT_OF_MEMORY" else ""
     raise RenderError(
-        f"OpenGL reported {error} when {doing} ({context.info['GL_RENDERER']}){remedy}"
+        f"OpenGL reported {error} while {doing} ({context.info['GL_RENDERER']}){remedy}"
     )

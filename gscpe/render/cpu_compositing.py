@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Composites projected Gaussians, tile by tile: loops of the CPU rasterizer, compiled by Numba.
 They release the GIL; nothing here knows about threads.
 

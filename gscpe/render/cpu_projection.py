@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Projects Gaussians and finds the tiles that they touch: loops of the CPU rasterizer, compiled
 by Numba. They release the GIL, so that plain threads run them side by side; nothing here
 knows about threads.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renders a Gaussian splat on the CPU: tiles, exact ellipse binning, vectorized rows.
 
 Needs Numba (``pip install gscpe[cpu]``). On machines without a GPU it is several times

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From Gaussians to tiles on the CPU: projected, sorted, and listed by the tiles they touch.
 
 The rasterizer composites the lists, and training takes its gradients from the same ones. Needs

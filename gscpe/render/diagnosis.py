@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Why there is no OpenGL, or only slow OpenGL, and what to do: pure functions of facts."""
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ VARIABLES = (
 _ERRORS = (
     (
         r"needs moderngl",
-        "moderngl is missing, which reaches OpenGL; the CPU rasterizer does without (Arm Linux has "
-        "no wheel of it)",
+        "moderngl, which connects to OpenGL, is missing; the CPU rasterizer does not need it "
+        "(moderngl has no wheel for Arm Linux)",
         "pip install moderngl (on Arm Linux this compiles it: a C++ compiler is needed)",
     ),
     (r"libEGL\S* not loaded", "libEGL is missing; contexts without a window need it", MESA),
@@ -48,7 +49,7 @@ _ERRORS = (
     (r"eglChooseConfig failed", "the EGL driver offers OpenGL ES only", _UPDATE),
     (
         r"XOpenDisplay",
-        "DISPLAY is set, but there is no X server to be reached",
+        "DISPLAY is set, but no X server can be reached",
         "unset DISPLAY; rendering needs no display where EGL works",
     ),
 )
@@ -139,7 +140,7 @@ def _why_no_gpu(facts: OpenGLFacts) -> list[Finding]:
     if closed:
         return [
             Finding(
-                f"this user may not open {', '.join(closed)}",
+                f"this user has no permission to open {', '.join(closed)}",
                 "sudo usermod -aG render,video $USER, then log in again; in a container, "
                 "add the group that owns the device (docker run --group-add)",
             )
@@ -164,9 +165,9 @@ def _why_no_gpu(facts: OpenGLFacts) -> list[Finding]:
         ]
     return [
         Finding(
-            "no GPU can be seen (there is no /dev/dri and no NVIDIA driver)",
-            "nothing to do where there is none; in a container, pass it on "
-            "(docker run --device /dev/dri, or --gpus all)",
+            "no GPU was found (there is no /dev/dri and no NVIDIA driver)",
+            "ignore this if the machine has none; in a container, pass it through (docker run "
+            "--device /dev/dri, or --gpus all)",
         )
     ]
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renders a Gaussian splat with OpenGL: with compute shaders on GPUs that have them (4.3), else
 with instanced, depth-sorted quads (3.3, any driver).
 """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An OpenGL rasterizer that any thread may call."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compute shaders: how they are run, and the sort that two stages share (GL 4.3)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Culls and sorts on the GPU, so that a frame uploads nothing and waits for nothing (GL 4.3)."""
 
 from __future__ import annotations

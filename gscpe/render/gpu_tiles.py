@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Projects and composites on the GPU with compute shaders, tile by tile (GL 4.3).
 
 Blending quads writes each pixel of each Gaussian to memory, several hundred times a pixel. Here a

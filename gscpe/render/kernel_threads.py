@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plain threads that run compiled loops; the loops release Python's lock."""
 
 from __future__ import annotations

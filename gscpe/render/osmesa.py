@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """OpenGL from Mesa's libOSMesa, for machines that have it and no EGL. It runs on the CPU."""
 
 from __future__ import annotations

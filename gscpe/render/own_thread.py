@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Threads for OpenGL alone.
 
 A context is current in one thread at a time. To hand it over, one thread must let it go before the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renders as pictures for people: their depth, and how well they fit a photo."""
 
 from __future__ import annotations

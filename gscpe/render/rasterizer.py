@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rasterizer offers, and which one fits the machine."""
 
 from __future__ import annotations

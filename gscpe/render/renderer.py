@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renders a Gaussian splat from any pose, with the rasterizer that fits the machine."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the GLSL sources: inside the package when installed, beside it in a checkout."""
 
 from __future__ import annotations

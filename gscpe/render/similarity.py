@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How alike two images of a scene look, whatever the illumination."""
 
 from __future__ import annotations
@@ -30,7 +31,11 @@ def local_correlation(
     textured = valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
     if np.count_nonzero(textured) < _MIN_PIXELS:
         return float("nan")
-    return float(np.mean(a[textured] * b[textured]))
+    a, b = a[textured], b[textured]
+    # Among the places that are left, the deviations need not be 1 on average: in pale scenes they
+    # are more, and the correlation would exceed 1.
+    size = float(np.sqrt(np.mean(a * a) * np.mean(b * b)))
+    return float(np.mean(a * b)) / max(1.0, size)
 
 
 def _normalize(

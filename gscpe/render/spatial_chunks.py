@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians in chunks that lie close together, so that a view skips what it cannot see."""
 
 from __future__ import annotations

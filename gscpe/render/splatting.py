@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The constants and bounds of 3DGS's splatting that every rasterizer keeps to."""
 
 from __future__ import annotations

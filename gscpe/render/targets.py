@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The textures that the stages write to and read from."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which Gaussians a camera may see, and in what order. Pure NumPy."""
 
 from __future__ import annotations

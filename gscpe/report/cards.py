@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A card for each query that is shown: its numbers and its pictures, ready for the template."""
 
 from __future__ import annotations

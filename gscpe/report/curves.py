@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cumulative error curves, drawn as SVG."""
 
 from __future__ import annotations

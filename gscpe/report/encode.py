@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures inside the page: data URIs, no larger together than they may be."""
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def data_uri(picture: UInt8Array, quality: int) -> str:
     pixels = np.ascontiguousarray(picture[:, :, order])
     encoded, data = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])
     if not encoded:
-        raise OutputError("OpenCV cannot write WebP images; install another build of it")
+        raise OutputError("OpenCV cannot write WebP images; install an OpenCV with WebP support")
     return "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
@@ -39,5 +40,5 @@ def data_uris(pictures: Sequence[UInt8Array], quality: int, max_bytes: int) -> l
         if size <= max_bytes:
             return uris
         _log.info("pictures of quality %d take %d bytes, %d are left", tried, size, max_bytes)
-    _log.warning("the report becomes larger than it should: show fewer queries or smaller pictures")
+    _log.warning("the report exceeds its size limit: show fewer queries or smaller pictures")
     return uris

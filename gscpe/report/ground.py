@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scene from above: in which plane, and its Gaussians as a faint picture."""
 
 from __future__ import annotations

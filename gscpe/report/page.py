@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a run: one HTML file that needs nothing else, and no network."""
 
 from __future__ import annotations
@@ -167,7 +168,7 @@ def _tiles(run: SceneRun) -> list[tuple[str, str]]:
             tiles.append((share_text(result.shares[1]), "of all within 5 cm and 5°"))
     totals = [float(d["seconds"]["total"]) for d in run.details if "total" in d["seconds"]]
     if totals:
-        tiles.append((f"{np.median(totals):.2f} s", "median time a photo"))
+        tiles.append((f"{np.median(totals):.2f} s", "median time per photo"))
     return tiles
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pictures of one query: what the localizer saw, at the pose that it found."""
 
 from __future__ import annotations

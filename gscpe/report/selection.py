@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which queries are shown with pictures, and why these."""
 
 from __future__ import annotations

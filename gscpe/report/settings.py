@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of a report."""
 
 from __future__ import annotations
@@ -40,11 +41,13 @@ class ReportSettings:
 
     def __post_init__(self) -> None:
         if min(self.queries, self.refused, self.worst, self.slowest, self.matches) < 0:
-            raise SettingsError("a report cannot show less than no queries and no matches")
+            raise SettingsError("the numbers of queries and matches in a report cannot be negative")
         if self.picture_width < 16 or not 1 <= self.quality <= 100 or self.boost <= 0:
             raise SettingsError(
                 "pictures need a width of at least 16 pixels, a quality of 1 to 100 and a "
                 f"positive boost, not {self.picture_width}, {self.quality} and {self.boost}"
             )
         if self.marks < 1 or self.max_bytes < 1:
-            raise SettingsError("a report needs at least one mark a kind, and a positive size")
+            raise SettingsError(
+                "a report needs at least one mark of each kind, and a positive size"
+            )

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What drawings are made of: SVG elements, axes and round numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All cameras from above: references, truth, and what was estimated."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which reference photos look like the query: global descriptors and their comparison."""
 
 from gscpe.retrieval.methods import (

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The methods by name: describing a map's references, and queries alike."""
 
 from __future__ import annotations
@@ -127,13 +128,13 @@ def _open_onnx(recorded: DescriberModel, given: str | Path | None) -> GlobalDesc
     found = describe_model(path, read_onnx_input(path))
     if found.sha256 != recorded.sha256:
         raise ModelError(
-            f"{path} is another network (SHA-256 {found.sha256}) than {recorded.file} (SHA-256 "
-            f"{recorded.sha256}), which described the map's references; use that one, or build "
+            f"{path} (SHA-256 {found.sha256}) is not the network that described the map's "
+            f"references, {recorded.file} (SHA-256 {recorded.sha256}); use that one, or build "
             "the map again"
         )
     if found.input != recorded.input:
         raise ModelError(
-            f"{path.with_suffix('.json')} is another one than the map was built with: "
+            f"{path.with_suffix('.json')} differs from the one that the map was built with: "
             f"{found.input} instead of {recorded.input}"
         )
     return OnnxDescriber(path)

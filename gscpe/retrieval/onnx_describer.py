@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A global descriptor that was exported to ONNX, such as NetVLAD, EigenPlaces or MegaLoc.
 
 ``NAME.onnx`` has the input "image", (1, 3, H, W) float32 RGB, and as its first output the
@@ -119,13 +120,13 @@ def read_onnx_input(path: Path) -> OnnxInput:
         ModelError: either is missing, or the ``.json`` does not hold what it must.
     """
     if not path.is_file():
-        raise ModelError(f"{path} is missing; it should be a global descriptor exported to ONNX")
+        raise ModelError(f"{path} is missing; give a global descriptor network exported to ONNX")
     beside = path.with_suffix(".json")
     try:
         data = json.loads(beside.read_bytes())
     except FileNotFoundError as error:
         raise ModelError(
-            f"{beside} is missing; it says how an image is put into {path.name}: size, mean, std"
+            f"{beside} is missing; it describes the input of {path.name}: size, mean, std"
         ) from error
     except (OSError, ValueError, RecursionError) as error:
         raise ModelError(f"{beside} is not readable JSON ({error})") from error
@@ -140,7 +141,7 @@ def read_onnx_input(path: Path) -> OnnxInput:
 
 def _parse(data: Any) -> OnnxInput:
     if not isinstance(data, dict):
-        raise ValueError("it is no object")
+        raise ValueError("it is not an object")
     if unknown := set(data) - {"size", "mean", "std", "resize"}:
         raise ValueError(f"{', '.join(sorted(unknown))} is unknown")
     if missing := {"size", "mean", "std"} - set(data):

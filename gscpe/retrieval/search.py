@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nearest reference photos by global descriptor.
 
 Up to 100 000 references, one matrix product answers exactly. Beyond, an inverted file of faiss

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """VLAD (Jegou et al., CVPR 2010), power- and L2-normalized.
 
 The vocabulary is learned from the map's own reference photos, so no model is downloaded.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """VLAD of an image: of RootSIFT, or of XFeat."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a map is made of: Gaussians, reference photos, and the folder that keeps them."""
 
 from gscpe.scene.exif import camera_from_exif

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads the files of a COLMAP model, binary or text, as far as poses and cameras go.
 
 https://colmap.github.io/format.html. Read here and not by pycolmap, because that cuts names at
@@ -87,7 +88,7 @@ def read_colmap_files(folder: Path) -> tuple[dict[int, ColmapCamera], list[Colma
         except PoseError as error:
             raise ColmapModelError(f"{folder} is not a readable COLMAP model: {error}") from None
     raise ColmapModelError(
-        f"{folder} is not a whole COLMAP model: it needs cameras.bin and images.bin, or "
+        f"{folder} is not a complete COLMAP model: it needs cameras.bin and images.bin, or "
         "cameras.txt and images.txt"
     )
 
@@ -176,7 +177,7 @@ def _binary_cameras(path: Path) -> Iterator[tuple[int, ColmapCamera]]:
         number, key, width, height = map(int, reader.values("IiQQ"))
         if not 0 <= key < len(MODELS):
             raise ColmapModelError(
-                f"{path}: a camera has the model number {key}, which is not known here; undistort "
+                f"{path}: a camera has the unknown model number {key}; undistort "
                 "the photos to PINHOLE first, or write the model as text"
             )
         model, count = MODELS[key]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reference poses and cameras from a COLMAP model."""
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ def read_colmap_references(model_folder: str | Path, image_folder: str | Path) -
     if missing:
         raise ColmapModelError(
             f"{len(missing)} of the {len(images)} photos of {model_folder} are not in "
-            f"{image_folder}, the first is {missing[0]}; give the folder that the model was made of"
+            f"{image_folder}, the first is {missing[0]}; give the folder that the model was "
+            "made from"
         )
     by_id: dict[int, Camera] = {}
     for image, name in zip(images, names, strict=True):
@@ -51,7 +53,7 @@ def read_colmap_references(model_folder: str | Path, image_folder: str | Path) -
         raise ColmapModelError(
             f"photo {image_folder / fitted.name} is {fitted.size[0]}x{fitted.size[1]}, but its "
             f"camera is {fitted.camera.width}x{fitted.camera.height} in the model {model_folder}: "
-            f"{fitted}. Give the folder of the photos that the model was made of"
+            f"{fitted}. Give the folder of the photos that the model was made from"
         )
     return References(
         names=tuple(names),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians as ``.spz`` with few that do not fit its rounding kept apart, exactly.
 
 The format rounds all coordinates alike, to a share of the largest, and holds scales of seven
@@ -70,8 +71,11 @@ def compress(scene: GaussianScene) -> Compressed:
     apart = outliers(scene, colours=True)
     if apart.kinds:
         _log.warning(
-            "%d of %d Gaussians are kept as they are, apart from the others, which would be "
-            "rounded too coarsely with them: %s", apart.rows.sum(), len(scene), apart.kinds,
+            "%d of %d Gaussians are stored separately, without rounding, because "
+            "with them the others would be rounded too coarsely: %s",
+            apart.rows.sum(),
+            len(scene),
+            apart.kinds,
         )  # fmt: skip
     many = scene.taken(~apart.rows) if apart.kinds else scene
     exponent = best_exponent(many)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Converts a splat file with gaussforge; run as a program by splat_formats.
 
 A process of its own, because damaged files can crash the library, and because what it

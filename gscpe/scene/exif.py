@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intrinsics from what a camera wrote into its photo."""
 
 from __future__ import annotations

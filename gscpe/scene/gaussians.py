@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A 3D Gaussian splat as plain arrays."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a photo was taken, as its camera's satellite receiver had it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks what callers give as an image, and says what to do with what is none."""
 
 from __future__ import annotations

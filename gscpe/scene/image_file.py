@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Image files as 8-bit RGB, whatever they hold: more bits, floats, transparency, HEIC."""
 
 from __future__ import annotations
@@ -67,9 +68,9 @@ def read_image_of(path: str | Path, camera: Camera) -> UInt8Array:
         return turned_image(image, orientation)
     if turned:
         raise CameraError(
-            f"{path} is {width}x{height}, but its camera is {camera.width}x{camera.height}, that "
-            "of the photo turned by 90 degrees (its EXIF does not say that it is): give the "
-            "camera of the stored pixels, or turn the photo"
+            f"{path} is {width}x{height}, but its camera is {camera.width}x{camera.height}, "
+            "which fits the photo turned by 90 degrees (its EXIF data does not say that it is "
+            "turned): give the camera of the stored pixels, or turn the photo"
         )
     camera.check_fits(image.shape, str(path))
     return image
@@ -143,7 +144,7 @@ def _rgb_or_rgba(stored: NDArray[Any], data: bytes, path: Path) -> UInt8Array:
     if alpha is None or alpha.all():
         return np.ascontiguousarray(rgb)
     if not alpha.any():
-        raise PhotoError(f"{path} is transparent all over: there is nothing to look at")
+        raise PhotoError(f"{path} is completely transparent: there is nothing to see")
     return np.dstack([rgb, np.where(alpha, np.uint8(255), np.uint8(0))])
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What localization needs to know about a place."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a map folder, as bytes: how a map is split into them and put together again.
 
 A plain map keeps the Gaussians in ``gaussians.npz``, a compressed one in ``gaussians.spz``

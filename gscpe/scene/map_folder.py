@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map folder: everything that localization needs, in one place that can be moved.
 
 Layout (docs/formats.md): ``map.json`` (format, version, size and CRC-32 of the other
@@ -101,7 +102,7 @@ def open_map(folder: str | Path) -> Map:
         MissingDependencyError: it is compressed, and gaussforge is not installed.
     """
     if not isinstance(folder, str | Path):
-        raise MapError(f"a map is opened by the path of its folder, not by {_kind(folder)}")
+        raise MapError(f"a map is opened by the path of its folder; this is {_kind(folder)}")
     folder = Path(folder)
     if folder.is_file():
         raise MapError(
@@ -144,7 +145,7 @@ def _behind_link(folder: str | Path) -> Path:
             return target
     except (OSError, RuntimeError):  # differs between versions of Python
         pass
-    raise OutputError(f"map {folder} cannot be written: it is a link that leads to itself")
+    raise OutputError(f"map {folder} cannot be written: it is a symbolic link to itself")
 
 
 def _replace(folder: Path, partial: Path) -> None:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frame that a map works in: near its origin, and in metres.
 
 Whoever built the map has a frame of their own, the world: its origin may be thousands of

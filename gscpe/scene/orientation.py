@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos that are stored turned: what EXIF says, and turning pixels, cameras and poses alike.
 
 An orientation is EXIF's number, 1 to 8: how the stored pixels must be turned to be seen upright

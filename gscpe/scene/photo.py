@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos: checking, masking, and removing lens distortion."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photo names in lines of text, with blanks and backslashes, as they come."""
 
 from __future__ import annotations

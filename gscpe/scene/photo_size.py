@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How large photos are, and cameras of photos that were made smaller since."""
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class SizeMisfit:
         if (height, width) == (camera.width, camera.height):
             return "it is turned by 90 degrees"
         if _factors(camera, self.size) is None:
-            return "it is cut, or of another camera"
+            return "it is cropped, or from another camera"
         return (
             f"it is {width / camera.width:.4g} times as large, but others are not: photos may be "
             "larger or smaller than their cameras by one factor, the same for all"

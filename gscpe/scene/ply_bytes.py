@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians as the bytes of a standard 3D Gaussian Splatting ``.ply``."""
 
 from __future__ import annotations

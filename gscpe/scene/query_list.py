@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Query photos: hloc's lists, ``name MODEL width height params...``, names alone, folders."""
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def read_query_list(
         assert own is not None
         name = with_slashes(name) if image_folder is None else name_in_folder(image_folder, name)
         if name in queries:
-            raise QueryListError(f"{path}, line {number}: {name} is in the list already")
+            raise QueryListError(f"{path}, line {number}: {name} is already in the list")
         queries[name] = Query(name, own)
     if not queries:
         raise QueryListError(f"query list {path} is empty; expected name MODEL width height params")

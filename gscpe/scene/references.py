@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reference photos: what a map knows about the places it was built from."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SOG as folders: one splat (``meta.json`` and its images), or one in chunks and levels of detail.
 
 Source: PlayCanvas's descriptions of SOG and of Streamed SOG, version 1

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads splat files into a GaussianScene: the standard ``.ply``, and what converts to it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Splat files other than the standard ``.ply``, through gaussforge, by way of ``.ply``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which format a splat file is in: its first bytes decide, its ending only where they cannot."""
 
 from __future__ import annotations
@@ -126,4 +127,4 @@ def _unreadable(path: Path) -> SplatError:
     what = _OTHERS.get(path.suffix.lower())
     if what is not None:
         return SplatError(f"{path} is {what}")
-    return SplatError(f"{path} is not a splat of a kind that is read ({READABLE}); {_TRANSFORM}")
+    return SplatError(f"{path} is not a splat of a supported kind ({READABLE}); {_TRANSFORM}")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the columns of a splat file to Gaussians: activations, and rows that are of no use.
 
 Trainers and editors leave a few bad rows among millions: NaN where an optimizer diverged, zeros
@@ -78,9 +79,9 @@ def gaussians_from_rows(
         _log.warning("%s: %d of %d Gaussians are left out: %s", what, bad, count, which)
     if log_scales.shape[1] == 2:
         _log.warning("%s holds surfels of 2D Gaussian Splatting; they are drawn as flat Gaussians,"
-                     " which is not quite what they were trained for", what)  # fmt: skip
+                     " slightly unlike their training", what)  # fmt: skip
     elif n := int(np.count_nonzero(flat & good)):
-        _log.warning("%s: %d of %d Gaussians are flat, and get a little thickness", what, n, count)
+        _log.warning("%s: %d of %d Gaussians are flat; they get a small thickness", what, n, count)
     keep = good if bad else slice(None)
     return GaussianScene(
         means=means[keep],

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussians as the bytes of Niantic's ``.spz`` (version 3), through gaussforge.
 
 Source of the layout: the README of github.com/nianticlabs/spz. A gzip stream begins with
@@ -62,7 +63,7 @@ def encode_spz(scene: GaussianScene, exponent: int = 0) -> bytes:
     if specks > _MAX_SPECK_SHARE * len(scene):
         raise OutputError(
             f"{specks} of {len(scene)} Gaussians are smaller than {math.exp(lowest):.2g}, the "
-            "least that .spz holds"
+            "smallest size that .spz holds"
         )
     shift = exponent + bits - _WRITTEN_FRACTIONAL_BITS
     written = from_ply(ply_bytes(scene, means_exponent=shift, scales_exponent=exponent), "spz")
@@ -93,7 +94,7 @@ def _completed(data: bytes, fractional_bits: int, scene: GaussianScene) -> bytes
     expected = (b"NGSP", 3, len(scene), scene.sh_degree, _WRITTEN_FRACTIONAL_BITS)
     if (magic, version, count, degree, bits) != expected:
         raise OutputError(
-            "this gaussforge writes another kind of .spz than gscpe knows; write a .ply, or "
+            "this gaussforge writes a kind of .spz that gscpe does not know; write a .ply, or "
             "install gaussforge 0.6"
         )
     header = (magic, version, count, degree, fractional_bits, int(scene.antialiased), 0)

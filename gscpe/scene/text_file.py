@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text files as other systems write them."""
 
 from __future__ import annotations

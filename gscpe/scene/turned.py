@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A splat in a world whose axes are turned: centres, rotations and harmonics."""
 
 from __future__ import annotations

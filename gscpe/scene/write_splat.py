@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes a GaussianScene to a splat file."""
 
 from __future__ import annotations
@@ -52,8 +53,11 @@ def _encode_spz(scene: GaussianScene) -> bytes:
     if not apart.kinds:
         return encode_spz(scene)
     _log.warning(
-        "%d of %d Gaussians are left out of the .spz, which would round the others coarsely with "
-        "them: %s", apart.rows.sum(), len(scene), apart.kinds,
+        "%d of %d Gaussians are left out of the .spz, because with them the "
+        "others would be rounded too coarsely: %s",
+        apart.rows.sum(),
+        len(scene),
+        apart.kinds,
     )  # fmt: skip
     return encode_spz(scene.taken(~apart.rows))
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Training of Gaussian splats from photos with known poses, on the CPU. Needs Numba."""
 
 import importlib.util

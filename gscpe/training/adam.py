@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Adam (Kingma, Ba 2015) on the Gaussians that a view shows: a loop compiled by Numba.
 
 Harmonics beyond degree 0 keep no moments of their own. Their learning rate is so small that a

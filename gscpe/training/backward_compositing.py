@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gradients of composited pixels with respect to projected Gaussians: loops compiled by Numba.
 
 Tiles are gone through front to back, as the rasterizer composites them, and not back to front

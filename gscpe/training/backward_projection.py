@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the gradients of projected Gaussians to those of their parameters and of the pose: a loop
 compiled by Numba, the mirror of gscpe.render.cpu_projection.project.
 """

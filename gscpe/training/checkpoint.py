@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a training needs to go on as if nothing had happened, in one file."""
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ def write_checkpoint(path: Path, state: TrainingState, mark: str) -> None:
             raise
         hint = ""
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            hint = "; make room, and go on from the checkpoint before it with --resume"
+            hint = "; free some space, and continue from the previous checkpoint with --resume"
         raise OutputError(
             f"the training's checkpoint {path} cannot be written: {error.strerror}{hint}"
         ) from error
@@ -119,14 +120,14 @@ def read_checkpoint(path: Path, mark: str, settings: TrainingSettings) -> Traini
         TrainingError: there is none, it is damaged, or it is of other photos, points or settings.
     """
     if not path.is_file():
-        raise TrainingError(f"there is no checkpoint {path} to resume from; begin without --resume")
+        raise TrainingError(f"there is no checkpoint {path} to resume from; start without --resume")
     try:
         with np.load(path, allow_pickle=False) as stored:
             header = json.loads(str(stored["header"]))
             arrays = {name: stored[name] for name in stored.files if name != "header"}
         if header["version"] != _VERSION:
             raise TrainingError(
-                f"checkpoint {path} was written by another version of gscpe; begin without --resume"
+                f"checkpoint {path} was written by another version of gscpe; start without --resume"
             )
         parts = {
             part: {
@@ -147,11 +148,11 @@ def read_checkpoint(path: Path, mark: str, settings: TrainingSettings) -> Traini
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise TrainingError(
-            f"checkpoint {path} is damaged ({error}); begin without --resume"
+            f"checkpoint {path} is damaged ({error}); start without --resume"
         ) from error
     if header["fingerprint"] != mark:
         raise TrainingError(
-            f"checkpoint {path} is of other photos, points or settings; give the same as then, or "
-            "begin without --resume"
+            f"checkpoint {path} belongs to other photos, points or settings; give the same ones, "
+            "or start without --resume"
         )
     return state

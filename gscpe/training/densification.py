@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which Gaussians are split, which are dropped: a budget is spent where photos still differ."""
 
 from __future__ import annotations

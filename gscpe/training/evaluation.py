@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well a splat shows photos."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A gain and a bias a photo and channel: what a camera's automatics do, and the splat must not."""
 
 from __future__ import annotations

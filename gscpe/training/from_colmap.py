@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a COLMAP model and its photos to a splat file."""
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def train_from_colmap(
     checkpoint = checkpoint_of(output)
     if checkpoint.exists() and not resume:
         raise OutputError(
-            f"{checkpoint} is of a training that was interrupted: go on with --resume, or delete it"
+            f"{checkpoint} belongs to an interrupted training: continue with --resume, or delete it"
         )
     references = read_colmap_references(model_folder, image_folder)
     test = [i for i in range(len(references)) if test_every and i % test_every == 0]
@@ -106,7 +107,7 @@ def train_from_colmap(
         )
     points = read_colmap_points(model_folder)
     if points is None:
-        _log.warning("%s has hardly any points: triangulating some", model_folder)
+        _log.warning("%s has too few points: triangulating some", model_folder)
         points = triangulated_points(model_folder, image_folder)
     photos = [_photo(references, i, Path(image_folder), max_size) for i in learn]
     poses = references.cam_from_world

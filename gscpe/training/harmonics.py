@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Spherical harmonics and their slopes: loops compiled by Numba. Constants and signs are those of
 3DGS, as in gscpe.render.cpu_projection."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trains a splat from photos with known poses (Kerbl et al., 3D Gaussian Splatting, 2023)."""
 
 from __future__ import annotations

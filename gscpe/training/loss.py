@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What training makes small: L1 + 0.2 (1 - SSIM) between an exposed render and a photo."""
 
 from __future__ import annotations

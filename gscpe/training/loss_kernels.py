@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loops of the loss, compiled by Numba: exposure, L1, SSIM, and the gradients of all three.
 
 Images are flat here: rows of 3 * width floats, and HALF rows of zeros above and below, so that the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Gaussians while they are trained."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The points that training begins with."""
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class PointCloud:
             raise ColmapModelError("points need (M, 3) positions and as many colours")
         if len(self.positions) < LEAST_POINTS:
             raise ColmapModelError(
-                f"{len(self.positions)} points are too few to begin a training with; at least "
+                f"{len(self.positions)} points are too few to start a training; at least "
                 f"{LEAST_POINTS} are needed"
             )
         if not np.all(np.isfinite(self.positions)):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renders Gaussians as the CPU rasterizer does, and takes gradients back through it."""
 
 from __future__ import annotations

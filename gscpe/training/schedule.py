@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a training is, and how far the next iteration takes it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An iteration of training: render, compare, take the gradients back, update."""
 
 from __future__ import annotations
@@ -178,7 +179,7 @@ class Trainer:
         state, settings = self._state, self._settings
         kept = is_kept(state.parameters, self._extent, settings)
         if not np.any(kept):
-            raise TrainingError("all Gaussians faded away; are photos and poses of one place?")
+            raise TrainingError("all Gaussians faded away; do the poses belong to these photos?")
         parameters = state.parameters.take(np.flatnonzero(kept))
         if round_ <= settings.densify_rounds:
             seen = np.maximum(state.times_seen[kept], 1)

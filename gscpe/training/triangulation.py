@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Points for a model that has poses but no points: SIFT matches, triangulated by pycolmap."""
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ def triangulated_points(model_folder: str | Path, image_folder: str | Path) -> P
         return cloud_of(found)
     except ColmapModelError as error:
         raise ColmapModelError(
-            f"{model_folder} has no points, and triangulating them failed: {error}. Do the photos "
-            "overlap, and are the poses theirs?"
+            f"{model_folder} has no points, and triangulating them failed: {error}. Do the "
+            "photos overlap, and do the poses belong to them?"
         ) from None
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lists of photos: one bad photo harms no other, and what is finished is never lost."""
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ def test_a_photo_that_changed_is_done_again(folder: Path, caplog: pytest.LogCapt
     assert stub.seen == [9]
     assert details[2]["cam_from_world"] == format_pose(pose_of(9))
     (record,) = caplog.records
-    assert record.getMessage().startswith("1 photos are done again: their files have changed")
+    assert record.getMessage().startswith("localizing 1 photos again: their files have changed")
     assert run(Stub(interrupt_at=0), folder, resume=True) == details  # that is noted, too
 
 
@@ -225,7 +226,7 @@ def test_a_line_that_was_cut_off_is_done_again(
     with caplog.at_level(logging.WARNING):
         run(stub, folder, resume=True)
     assert stub.seen == [3, 4, 5]
-    assert "incomplete line is left out" in caplog.text
+    assert "ignoring an incomplete line" in caplog.text
     assert path.read_bytes() == whole
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Workers in processes: as one process would, whoever is killed meanwhile."""
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ def test_workers_that_die_at_once(
     """An error, and not an endless row of them."""
     (tmp_path / "sitecustomize.py").write_text("import os; os.kill(os.getpid(), 9)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(WorkerError, match=r"die when they start \(SIGKILL; out of memory"):
+    with pytest.raises(WorkerError, match=r"die while starting \(SIGKILL; out of memory"):
         ProcessCrew(room_folder.instructions, 2)
 
 
@@ -160,7 +161,7 @@ def test_workers_that_hang_at_once(
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text("import time; time.sleep(1000)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(WorkerError, match=r"die when they start \(no answer for 0.5 s\)"):
+    with pytest.raises(WorkerError, match=r"die while starting \(no answer for 0.5 s\)"):
         ProcessCrew(replace(room_folder.instructions, timeout=0.5), 1)
 
 
@@ -217,8 +218,8 @@ def test_interrupted_and_resumed(
     assert (command.returncode, out) == (status, "")
     said = "interrupted" if status == 130 else "ended by SIGTERM"
     assert [line for line in err.splitlines() if "OpenGL" not in line] == [
-        "gscpe.batch.to_files: 3 of 4 photos are finished; the same with resume (--resume) goes on "
-        "from there",
+        "gscpe.batch.to_files: 3 of 4 photos are finished; run the same again with resume "
+        "(--resume) to continue",
         f"gscpe localize: {said}",
     ]
     assert list(read_poses(poses)) == ["a.png", "b.png", "c.png"]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of what is finished: in any order, with the map and the settings that it was of."""
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ def test_an_interrupted_crew_leaves_what_is_finished(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (Fingerprint("map 2", "settings 1"), "5 photos are done again: .* with another map "),
-        (Fingerprint("map 1", "settings 2"), "5 photos are done again: .* with another matcher "),
+        (Fingerprint("map 2", "settings 1"), "localizing 5 photos again: .* with another map "),
+        (Fingerprint("map 1", "settings 2"), "localizing 5 photos again: .* with another matcher "),
     ],
 )
 def test_another_map_or_other_settings(
@@ -113,7 +114,7 @@ def test_details_of_before_there_were_fingerprints(
     with caplog.at_level(logging.WARNING):
         localize(known, tmp_path, resume=True)
     assert len(known.seen) == 5
-    assert "or that was not noted yet" in caplog.text
+    assert "or this was not recorded" in caplog.text
 
 
 def test_a_crews_system_error_is_not_taken_for_the_files(tmp_path: Path) -> None:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A tiny 7-Scenes from its folder to tables and report, by the command line.
 
 The scene is the ray-cast room: its photos are real pictures of it, its splat a map of one

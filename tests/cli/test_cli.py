@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The other subcommands: build-map, render, evaluate, doctor."""
 
 from __future__ import annotations
@@ -72,9 +73,8 @@ def test_the_unit_of_a_map(
     options: list[str], unit: float | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_splat(tmp_path / "splat.ply", room_map().scene)
-    small = room_camera(60, 45)
-    write_colmap_model(tmp_path / "sparse", small, {"a.png": ROOM_POSE})
-    write_image(tmp_path / "a.png", room().shoot(small, ROOM_POSE).uint8)
+    write_colmap_model(tmp_path / "sparse", CAMERA, {"a.png": ROOM_POSE})
+    write_image(tmp_path / "a.png", room().shoot(CAMERA, ROOM_POSE).uint8)
     output = tmp_path / "m.gsmap"
     command = ["build-map", str(tmp_path / "splat.ply"), "--colmap", str(tmp_path / "sparse")]
     assert main([*command, "--images", str(tmp_path), "--output", str(output), *options]) == 0
@@ -163,7 +163,7 @@ def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor"]) == 0
     out = capsys.readouterr().out
     assert out.startswith(f"gscpe {__version__}, Python ")
-    for word in ("moderngl", "numpy", "pycolmap", "OpenGL", "all is well"):
+    for word in ("moderngl", "numpy", "pycolmap", "OpenGL", "everything works"):
         assert word in out
     assert "MISSING" not in out
 

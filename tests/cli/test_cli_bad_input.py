@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bad input: exit status 2 and exactly one line that names what is wrong. Never a traceback."""
 
 from __future__ import annotations
@@ -166,7 +167,7 @@ SPOILT_FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
         "localize",
         lambda p: spoil(
             p / "room.gsmap" / "map.json",
-            lambda d: d.replace(b'"version": 1', b'"version": 99'),
+            lambda d: d.replace(b'"version": 4', b'"version": 99'),
         ),
         "version 99",
     ),

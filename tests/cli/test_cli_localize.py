@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe localize``: one photo, lists of them, and going on after an interruption."""
 
 from __future__ import annotations
@@ -248,7 +249,7 @@ def test_going_on_after_an_interruption(
     assert localize_list(folder, output) == 130
     out, err = capsys.readouterr()
     assert out == ""
-    assert "2 of 4 photos are finished; the same with resume (--resume) goes on" in err
+    assert "2 of 4 photos are finished; run the same again with resume (--resume)" in err
     assert "gscpe localize: interrupted" in err
     assert "Traceback" not in err
     assert list(read_poses(output)) == ["a.png", "b.png"]

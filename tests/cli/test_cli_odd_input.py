@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Input that no one gives on purpose: still one line and exit status 2, and nothing is lost."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe evaluate`` on files of different forms, and against the 7-Scenes protocol."""
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ def test_timestamps_of_other_photos(
     (tmp_path / "poses.tum").write_text("0 0 0 0 0 0 0 1\n")
     assert main(["evaluate", str(tmp_path / "truth.txt"), str(tmp_path / "poses.tum")]) == 2
     assert main(["evaluate", str(tmp_path / "poses.tum"), str(tmp_path / "truth.txt")]) == 0
-    assert "taken as positions in the truth list" in capsys.readouterr().err
+    assert "read as positions in the truth list" in capsys.readouterr().err
 
 
 def test_units(

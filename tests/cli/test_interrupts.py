@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signals: as Ctrl-C, later, or as they were."""
 
 from __future__ import annotations

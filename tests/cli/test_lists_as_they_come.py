@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole runs on photos as they come: blanks in names, a folder, names alone, half the size."""
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ def test_a_photo_of_another_size_is_named(
     command = ["localize", paths[0], "--images", paths[1], "--output", paths[2]]
     assert main([*command, "--camera", CAMERA.colmap_text()]) == 0
     assert list(read_poses(output)) == [name]
-    assert "photo b 2.png is 40x30, but its camera is 240x180" in capsys.readouterr().err
+    assert "b 2.png is 40x30, but its camera is 240x180" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -110,7 +111,7 @@ def test_a_photo_of_another_size_is_named(
         (["--images", "photos", "--camera", "x"], "need --images and --output"),
         (
             ["--queries", "q.txt", "--images", "photos", "--output", "p.txt", "--json"],
-            "--json does",
+            "--json cannot be used with",
         ),
     ],
 )

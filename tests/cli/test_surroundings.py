@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What surrounds a command: streams, signals, memory, homes, packages that have no wheel."""
 
 from __future__ import annotations
@@ -190,7 +191,7 @@ def test_where_compiled_loops_are_kept(
         assert has_place()
     (folder,) = tmp_path.iterdir()
     assert str(folder) == config.CACHE_DIR
-    assert f"is kept in {folder}" in caplog.text
+    assert f"CPU rasterizer in {folder}" in caplog.text
     if hasattr(os, "getuid"):
         assert folder.stat().st_mode & 0o777 == 0o700
         folder.chmod(0o777)
@@ -199,7 +200,7 @@ def test_where_compiled_loops_are_kept(
         with caplog.at_level(logging.WARNING):
             assert not has_place()
         (record,) = caplog.records
-        assert "compiled anew by each process" in record.getMessage()
+        assert "each process compiles the CPU rasterizer again" in record.getMessage()
 
 
 @needs_numba
@@ -252,5 +253,5 @@ def test_without_moderngl_the_cpu_renders() -> None:
     lines = done.stdout.splitlines()
     assert lines[0].startswith("CPU rasterizer")
     assert lines[1].startswith("OpenGL needs moderngl, which is missing")
-    assert "moderngl is missing, which reaches OpenGL" in done.stdout
-    assert lines[-1].startswith("all is well")
+    assert "moderngl, which connects to OpenGL, is missing" in done.stdout
+    assert lines[-1].startswith("everything works")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Algorithm 1 with the real matcher and an exact renderer in the splat's place."""
 
 from __future__ import annotations

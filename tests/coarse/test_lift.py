@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lifting pixels of a render to world points, with exact depth from the ray caster."""
 
 from __future__ import annotations

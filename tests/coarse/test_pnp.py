@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Absolute pose from matches: exact, robust, repeatable, and silent where there is none."""
 
 from __future__ import annotations

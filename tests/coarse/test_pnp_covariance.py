@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The covariance of poses from matches: calibrated, and large where little is known."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sampled poses: either solver finds them, among outliers, and the same ones again."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged text files: a reader answers with a typed error, or reads what is still a data set."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Splits as documented, subsets and copies of data sets, and every missing file named."""
 
 from __future__ import annotations
@@ -281,7 +282,7 @@ def test_fast_livo2_calibrations_in_other_dresses(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="EquidistantCamera"):
         building(tmp_path)
     path.write_text(text.replace("cam_height: 96", "cam_height: 128"))
-    with pytest.raises(DatasetError, match="is no scaled 128x128"):
+    with pytest.raises(DatasetError, match="is not a scaled 128x128"):
         building(tmp_path)
 
 

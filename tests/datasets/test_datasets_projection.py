@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A known point falls on the same pixel through every reader's camera and pose."""
 
 from __future__ import annotations

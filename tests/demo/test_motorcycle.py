@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Middlebury Motorcycle pair: real photos whose true pose is known."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses of another convention or frame are recognized; bad poses are not explained away."""
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from gscpe.cli.main import main
 from gscpe.evaluation import evaluate, explain_errors
 from gscpe.geometry import se3
-from gscpe.geometry.alignment import Similarity
+from gscpe.geometry.similarity_transform import Similarity
 from gscpe.scene.poses import write_pose_file
 
 Pose = NDArray[np.float64]
@@ -81,7 +82,7 @@ def test_moved_frames_are_recognized(
     scale: float, mistake: str | None, rng: np.random.Generator
 ) -> None:
     truth = {f"{i}.png": random_pose(rng) for i in range(40)}
-    motion = Similarity(random_pose(rng)[:3, :3], 10.0 * rng.normal(size=3), scale)
+    motion = Similarity(scale, random_pose(rng)[:3, :3], 10.0 * rng.normal(size=3))
     good = with_errors(truth, rng, 0.3)
     changes, make = MISTAKES[mistake] if mistake else ((), lambda pose: pose)
     found = explain_errors({n: make(motion.cam_from_b(p)) for n, p in good.items()}, truth)
@@ -106,7 +107,7 @@ def test_a_straight_walk_has_a_frame_too(rng: np.random.Generator) -> None:
         )
         for i in range(20)
     }
-    motion = Similarity(random_pose(rng)[:3, :3], np.array([1.0, 2.0, 3.0]))
+    motion = Similarity(1.0, random_pose(rng)[:3, :3], np.array([1.0, 2.0, 3.0]))
     moved = {name: motion.cam_from_b(pose) for name, pose in with_errors(truth, rng).items()}
     found = explain_errors(moved, truth)
     assert found is not None
@@ -165,7 +166,7 @@ def test_it_is_said(
         bad = {name: MISTAKES[mistake][1](pose) for name, pose in good.items()}
         out, err = run_evaluate(tmp_path, bad, truth, capsys)
         (line,) = err.splitlines()
-        assert line.startswith(f"{tmp_path / 'poses.txt'} seems to be of another convention")
+        assert line.startswith(f"{tmp_path / 'poses.txt'} seems to use another convention")
         assert words in line
         assert figures in line
         assert f"not {out.splitlines()[1].split()[2]} cm" in line

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Our trajectories and errors against evo's (an independent program, GPL: in tests only)."""
 
 from __future__ import annotations

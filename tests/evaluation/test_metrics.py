@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The field's numbers: medians over the localized, shares over all."""
 
 from __future__ import annotations

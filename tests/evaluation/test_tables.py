@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of a benchmark: their numbers, and four ways to write them."""
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ def test_another_ground_truth_has_its_own_table() -> None:
     assert [title.split(":")[0] for title in titles] == [
         *("7-Scenes, ground truth sfm", "7-Scenes, ground truth sfm"),
         *("7-Scenes, ground truth dslam", "7-Scenes, ground truth dslam"),
-        "Seconds a query",
+        "Seconds per query",
     ]
     # Everything moved along +x, and so did this truth: 1 cm less.
     assert tables[2].rows[2][1:3] == ("0.200 / 0.300", "4.500 / 0.450")
@@ -200,11 +201,9 @@ def test_a_truth_that_knows_none_of_the_photos(tmp_path: Path) -> None:
     write_tables([CHESS, other], tmp_path)
     tables = json.loads((tmp_path / "tables.json").read_text())["tables"]
     assert list(tables[0]["rows"][2]["scenes"]) == ["chess"]
-    assert tables[2]["notes"] == [
-        "sfm knows none of these photos of redkitchen: there are no errors"
-    ]
+    assert tables[2]["notes"] == ["sfm has none of these photos of redkitchen: there are no errors"]
     for end in ("txt", "md", "tex"):
-        assert "knows none of these" in (tmp_path / f"tables.{end}").read_text()
+        assert "has none of these" in (tmp_path / f"tables.{end}").read_text()
 
 
 def test_seconds_of_one_run_by_stage() -> None:

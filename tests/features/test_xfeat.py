@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """XFeat features: what is made of the network's maps, and the installed network on a photo."""
 
 from __future__ import annotations

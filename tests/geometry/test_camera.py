@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras, projection, and the derivatives of projection."""
 
 from __future__ import annotations

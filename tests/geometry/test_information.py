@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Covariances of information that may be singular."""
 
 from __future__ import annotations

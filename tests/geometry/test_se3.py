@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid transforms, their tangent vectors, and the difference of poses."""
 
 from __future__ import annotations

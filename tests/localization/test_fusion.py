@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mean of two poses."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from helpers import random_pose
 from hypothesis import given
 from hypothesis import strategies as st
@@ -97,3 +99,25 @@ def test_the_mean_of_two_that_share_errors_is_as_sure_as_it_says(rng: np.random.
         xi = se3.log(truth @ se3.inverse(found))
         values.append(xi @ np.linalg.solve(claimed, xi))
     assert 5.0 < np.mean(values) < 7.5
+
+
+def test_matches_know_no_better_than_the_images() -> None:
+    """What the images do not share is as little known to matches, however they scatter."""
+    covariance = 1e-6 * np.eye(6)
+    unshared = np.zeros((6, 6))
+    unshared[1, 1] = 4.0
+    matched, aligned = np.eye(4), se3.exp([2e-3, 1e-3, 0, 0, 0, 0])
+    settings = FusionSettings()
+    blind, found = fuse_matches_and_alignment(
+        matched, covariance, aligned, covariance + unshared, settings, unshared
+    )
+    assert found[1, 1] > 1.0
+    seeing, expected = fuse_matches_and_alignment(
+        matched, covariance, aligned, covariance, settings
+    )
+    np.testing.assert_allclose(np.delete(found, 1, 0)[:, [0]], np.delete(expected, 1, 0)[:, [0]])
+    assert blind[0, 3] == pytest.approx(seeing[0, 3])
+    _, without = fuse_matches_and_alignment(
+        matched, covariance, aligned, covariance + unshared, settings
+    )
+    assert without[1, 1] < 1e-5  # the scatter of the matches alone would promise this

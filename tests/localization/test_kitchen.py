@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Real photos in a trained splat: RedKitchen of 7-Scenes, through the command line.
 
 Needs the environment variable GSCPE_DATA (see the ``kitchen`` fixture).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole runs with the real renderer, on the map of one ray-cast RGB-D photo.
 
 The photos are ray-cast too, so nothing but the truth is shared. What is left of the error

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole pipeline around an exact renderer: what it adds to the error is next to nothing.
 
 The splat renderer is replaced by the ray caster. Photos come from cameras of other sizes,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One localizer in many threads, as a web server has it, and several side by side."""
 
 from __future__ import annotations

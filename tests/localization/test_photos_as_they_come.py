@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole runs on photos that are dark, white, partly transparent, or of a fisheye."""
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def test_a_fisheye_photo(text: str, localizer: Localizer) -> None:
         (lambda p: p // 17, r"almost black \(brightest value 1[0-5] of 255\)"),
         (lambda p: p * 0, r"almost black \(brightest value 0 of 255\)"),
         (lambda p: 252 + p // 100, r"almost white \(darkest value 252 of 255\)"),
-        (lambda p: np.dstack([p, p[:, :, :1] * 0]), "masked all over"),
+        (lambda p: np.dstack([p, p[:, :, :1] * 0]), "whole photo is masked"),
     ],
 )
 def test_the_reason_is_the_light(

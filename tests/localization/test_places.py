@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which reference photos are tried, as a whole run with the default settings does it."""
 
 from __future__ import annotations

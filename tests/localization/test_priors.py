@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Priors: they save work where they are good, and harm nothing where they are not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is printed is short, and a notebook's view of a result is whole and escaped."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cameras held upside down, or on their side: found, and what is found is of the photo as it is."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The same scene in any unit, anywhere: the same poses, to about 1e-6 of the scene."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every doubt has its reason, and a sound result has none."""
 
 from __future__ import annotations
@@ -157,8 +158,8 @@ def test_a_pose_that_is_not_determined_is_doubted(
     [
         ({"agreement": 0.45}, "0.50 needed"),
         ({"converged": False}, "did not converge"),
-        ({"cam_from_world": se3.exp([0.09, 0, 0, 0, 0, 0])}, "left the prior by 0.09 m"),
-        ({"cam_from_world": se3.exp([0, 0, 0, 0.08, 0, 0])}, "left the prior"),
+        ({"cam_from_world": se3.exp([0.09, 0, 0, 0, 0, 0])}, "moved away from the prior by 0.09 m"),
+        ({"cam_from_world": se3.exp([0, 0, 0, 0.08, 0, 0])}, "moved away from the prior"),
         ({"overlap": 0.1}, "only 10% of the photo"),
         ({"covariance": None, "reason": "nothing to see"}, "nothing to see"),
     ],

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The certificate of a map: what it says follows from where photos are localized."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos in, a map out; interrupted and gone on with."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps of one RGB-D photo: they look like the photo, and stand where the depth says."""
 
 from __future__ import annotations

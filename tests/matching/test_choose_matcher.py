@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Matchers by name, in the library and on the command line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The SIFT matcher on ray-cast pictures, where every match can be checked."""
 
 from __future__ import annotations

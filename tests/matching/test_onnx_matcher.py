@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Matchers in ONNX files, on small real ones whose answers are known."""
 
 from __future__ import annotations
@@ -280,8 +281,8 @@ def test_points_within_a_pixel_of_the_image_are_only_dropped(tmp_path: Path) -> 
 DECLARED: dict[str, tuple[dict[str, Any], str]] = {
     "inputs": ({"inputs": ("a", "b")}, "takes a, b; a matcher takes image0 and image1"),
     "one input": ({"inputs": ("image0",)}, "takes image0; a matcher"),
-    "channels": ({"image": (1, 4, "H", "W")}, "with a fixed 1 or 3 channels"),
-    "open channels": ({"image": (1, "C", "H", "W")}, "with a fixed 1 or 3 channels"),
+    "channels": ({"image": (1, 4, "H", "W")}, "with 1 or 3 channels"),
+    "open channels": ({"image": (1, "C", "H", "W")}, "with 1 or 3 channels"),
     "batch": ({"image": (2, 1, "H", "W")}, r"shape \(1, 1 or 3, H, W\)"),
     "rank": ({"image": (1, "H", "W")}, r"shape \(1, 1 or 3, H, W\)"),
     "outputs": (

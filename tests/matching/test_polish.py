@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Polishing of matches between shifted textures, whose true displacement is known."""
 
 from __future__ import annotations

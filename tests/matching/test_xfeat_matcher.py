@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The XFeat matchers with features that are made up, and the real networks where installed."""
 
 from __future__ import annotations

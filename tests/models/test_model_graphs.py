@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ONNX graphs against slow evaluations written from the definitions, in double precision."""
 
 from __future__ import annotations

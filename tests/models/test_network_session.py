@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Networks are opened and run with typed errors."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PyTorch checkpoints are read, and nothing in them is run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``import gscpe`` stays light: heavy and optional packages are imported where they are used."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All that callers need is in ``gscpe`` itself: no public signature names a type that is not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a room may need: followed through all its imports, without running them."""
 
 from __future__ import annotations

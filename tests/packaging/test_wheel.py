@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What pip installs: the package with its shaders, and nothing of the tests."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What callers mix up raises a typed error that says what to do instead."""
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ BAD_IMAGES: list[tuple[str, Any, str]] = [
     ("16 bits", IMAGE.astype(np.uint16), ">> 8"),
     ("64 bits", IMAGE.astype(np.int64), "astype"),
     ("booleans", IMAGE > 0, "not bool"),
-    ("four channels", np.zeros((48, 64, 4), np.uint8), r"image\[:, :, :3\]"),
+    ("five channels", np.zeros((48, 64, 5), np.uint8), "shape"),
     ("channels first", np.zeros((3, 48, 64), np.uint8), "transpose"),
     ("a stack", IMAGE[None], "one image at a time"),
     ("a row", IMAGE[0, :, 0], "shape"),
@@ -52,6 +53,19 @@ def test_images(localizer: gscpe.Localizer, image: Any, match: str) -> None:
     for call in calls:
         with pytest.raises(gscpe.PhotoError, match=match):
             call()
+
+
+def test_transparent_pixels_are_for_photos_alone(localizer: gscpe.Localizer) -> None:
+    """A photo is masked by them; a map of one RGB-D photo has its depth for that."""
+    image = np.dstack([IMAGE, np.full(IMAGE.shape[:2], 255, np.uint8)])
+    image[:10, :, 3] = 0
+    valid = gscpe.to_photo(image, CAMERA).valid
+    assert valid is not None and not valid[:10].any() and valid[10:].all()
+    assert not localizer.localize(image, CAMERA).localized
+    with pytest.raises(gscpe.CameraError):
+        localizer.estimate_camera(image)
+    with pytest.raises(gscpe.PhotoError, match=r"image\[:, :, :3\]"):
+        gscpe.map_from_rgbd(image, np.ones((48, 64), np.float32), CAMERA, np.eye(4))
 
 
 def test_grey_images_are_taken() -> None:

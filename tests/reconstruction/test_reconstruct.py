@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos of a room with a known answer are put together."""
 
 from __future__ import annotations

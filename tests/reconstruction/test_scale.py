@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The unit of a model: from known poses, GPS, or a distance."""
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from walks import walk_poses, write_jpeg
 
 from gscpe.errors import ReconstructionError, SettingsError
 from gscpe.geometry import se3
-from gscpe.geometry.alignment import Similarity
+from gscpe.geometry.similarity_transform import Similarity
 from gscpe.geometry.up import common_up
 from gscpe.reconstruction.frame import levelled
 from gscpe.reconstruction.scale import (
@@ -34,11 +35,11 @@ def test_a_third_of_wrong_points_does_no_harm(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(15, 3))
     rotation = se3.exp([0, 0, 0, *rng.normal(size=3)])[:3, :3]
-    true = Similarity(rotation, rng.normal(size=3), float(rng.uniform(0.1, 10)))
-    seen = true.points(points)
+    true = Similarity(float(rng.uniform(0.1, 10)), rotation, rng.normal(size=3))
+    seen = true.apply(points)
     seen[:5] += rng.normal(size=(5, 3)) * 3 * true.scale
     found, inliers = robust_similarity(points, seen)
-    np.testing.assert_allclose(found.points(points), true.points(points), atol=1e-6 * true.scale)
+    np.testing.assert_allclose(found.apply(points), true.apply(points), atol=1e-6 * true.scale)
     assert np.all(inliers[5:])
 
 
@@ -147,5 +148,5 @@ def test_level_cameras_say_what_is_up() -> None:
     moved = levelled(poses, points, up)
     np.testing.assert_allclose(moved.rotation @ up, [0, 0, 1], atol=1e-12)
     assert np.linalg.det(moved.rotation) == pytest.approx(1.0)
-    np.testing.assert_allclose(moved.points(np.median(points, axis=0)), 0.0, atol=1e-12)
+    np.testing.assert_allclose(moved.apply(np.median(points, axis=0)), 0.0, atol=1e-12)
     assert common_up(np.stack([np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])])) is None

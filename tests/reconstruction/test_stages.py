@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of putting photos together that need no photos, or few."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The agreement of photo and render: blind to light, not to place."""
 
 from __future__ import annotations

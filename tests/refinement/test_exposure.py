@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos whose brightest parts are clipped."""
 
 from __future__ import annotations

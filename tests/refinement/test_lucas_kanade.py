@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The solver against poses that are known exactly, on ray-cast pictures.
 
 Pictures hold a slanted board and three walls 1.5 to 2.7 m away, 240x180 pixels, f = 209:

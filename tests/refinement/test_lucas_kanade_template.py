@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The template's analytic derivatives against central differences."""
 
 from __future__ import annotations

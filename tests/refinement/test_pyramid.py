@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Image pyramids: a pixel (u, v) is (u, v) / 2^s at level s, exactly, whatever the size."""
 
 from __future__ import annotations

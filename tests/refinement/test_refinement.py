@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Algorithm 2 as a whole, with an exact renderer in the splat's place."""
 
 from __future__ import annotations

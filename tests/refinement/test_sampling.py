@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interpolation and gradients: exact on linear images, pixel centres at (0.5, 0.5)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From far off: turned starts on the smallest image."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The visibility mask against its definition, with an exact renderer in the splat's place."""
 
 from __future__ import annotations

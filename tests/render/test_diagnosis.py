@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Explanations of what stands in OpenGL's way, from made-up facts and from broken set-ups."""
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def test_a_failure_before_a_way_that_works_is_explained_too() -> None:
 
 def test_a_device_without_permission() -> None:
     facts = replace(SOFTWARE, device_nodes={"/dev/dri/renderD128": False})
-    assert "may not open /dev/dri/renderD128" in text_of(facts)
+    assert "no permission to open /dev/dri/renderD128" in text_of(facts)
     assert "usermod -aG render,video" in text_of(facts)
 
 
@@ -73,7 +74,7 @@ def test_a_gpu_without_its_driver() -> None:
 
 
 def test_no_gpu_at_all() -> None:
-    assert "no GPU can be seen" in text_of(SOFTWARE)
+    assert "no GPU was found" in text_of(SOFTWARE)
     assert "pip install 'gscpe[cpu]'" not in text_of(SOFTWARE)
     assert "pip install 'gscpe[cpu]'" in text_of(replace(SOFTWARE, has_numba=False))
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Culling and sorting by compute shaders: the order of NumPy, to the bit, and its picture."""
 
 from __future__ import annotations

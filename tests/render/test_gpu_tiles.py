@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures by compute shaders, tile by tile, and by blending: the reference compositor's, both."""
 
 from __future__ import annotations

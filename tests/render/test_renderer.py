@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The renderer's pictures against the reference compositor, and its pixel convention."""
 
 from __future__ import annotations

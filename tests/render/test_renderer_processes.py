@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renderers in threads and processes, many of them, and drivers that fail under way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One renderer in many threads: right pictures, and an error, not a crash, once it is closed."""
 
 from __future__ import annotations

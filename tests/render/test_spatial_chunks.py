@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chunks of Gaussians: the curve keeps neighbours together, and no view loses anything."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Culling loses nothing that shows, and what is left is sorted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a run: all numbers, no network, harmless names, and true pictures."""
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ def test_without_a_truth(run: SceneRun, localizer: Localizer, folder: Path) -> N
     assert "position error" not in page.text.split("Position error:")[0]
     assert "least agreement with the map" in page.text
     other = replace(run, truths={"other": {"elsewhere.png": np.eye(4)}})
-    assert "knows none of these photos" in report(other, localizer, folder, queries=0).text
+    assert "has none of these photos" in report(other, localizer, folder, queries=0).text
 
 
 def test_nothing_was_localized(run: SceneRun, localizer: Localizer, folder: Path) -> None:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report in a real browser: tools/test --full installs what this needs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exported global descriptors: what goes in, what comes out, and damage that is noticed."""
 
 from __future__ import annotations
@@ -217,15 +218,15 @@ def test_networks_are_found_in_the_model_folder(
 def test_another_network_than_the_maps(known: GlobalDescriptors, network: Path) -> None:
     assert known.model is not None
     write_network(network, WEIGHTS + 1)
-    with pytest.raises(ModelError, match="is another network") as caught:
+    with pytest.raises(ModelError, match="is not the network") as caught:
         open_describer(known, network)
     assert known.model.sha256 in str(caught.value)
     write_network(network, settings={"std": [0.2, 0.3, 0.5]})
-    with pytest.raises(ModelError, match=r"net\.json is another one than the map was built with"):
+    with pytest.raises(ModelError, match=r"net\.json differs from the one"):
         open_describer(known, network)
     write_network(network)
     network.with_name("net.onnx.data").write_bytes(b"other weights")
-    with pytest.raises(ModelError, match="is another network"):
+    with pytest.raises(ModelError, match="is not the network"):
         open_describer(known, network)
     with pytest.raises(MapError, match="does not say which network"):
         open_describer(replace(known, model=None), network)

@@ -1,9 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """The search of references: exact for few, by an index for many."""
 
 from __future__ import annotations
 
 import importlib.util
 import logging
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -106,3 +108,18 @@ def test_without_faiss_the_remedy_is_logged(
 def test_impossible_settings(wrong: dict[str, int]) -> None:
     with pytest.raises(SettingsError, match=r"at least one|negative"):
         IndexSettings(**wrong)
+
+
+@needs_faiss
+def test_threads_may_search_while_the_index_is_built(rng: np.random.Generator) -> None:
+    """It is built once, in the middle; before and after, the answers are the same."""
+    descriptors = unit(rng, 2000, 32)
+    index = ReferenceIndex(descriptors, IndexSettings(0, exact_queries=20, lists=20, probes=20))
+    queries = unit(rng, 80, 32)
+    with ThreadPoolExecutor(8) as pool:
+        for query, found in zip(
+            queries, pool.map(lambda query: index.search(query, 3), queries), strict=True
+        ):
+            expected = search(query, descriptors, 3)
+            assert [each.index for each in found] == [each.index for each in expected]
+    assert index._index is not None

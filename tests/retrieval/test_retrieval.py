@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """VLAD: of unit length, repeatable, independent of order, and nearest to its own place."""
 
 from __future__ import annotations

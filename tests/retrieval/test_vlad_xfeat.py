@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """VLAD of XFeat, and maps that are described by it."""
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def test_the_map_remembers_the_method(
     if compress:
         pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
     saved(known, tmp_path / "m", compress)
-    assert json.loads((tmp_path / "m" / "map.json").read_text())["version"] == 3
+    assert json.loads((tmp_path / "m" / "map.json").read_text())["version"] == 4
     monkeypatch.undo()
     monkeypatch.setenv("GSCPE_MODELS", str(tmp_path / "no models"))
     opened = open_map(tmp_path / "m")
@@ -111,7 +112,7 @@ def test_maps_that_do_not_say_the_method(known: GlobalDescriptors, tmp_path: Pat
     map_ = saved(replace(known, method="vlad"), tmp_path / "m")
     with np.load(tmp_path / "m" / "retrieval.npz") as arrays:
         assert sorted(arrays.files) == ["descriptors", "vocabulary"]
-    assert json.loads((tmp_path / "m" / "map.json").read_text())["version"] == 1
+    assert json.loads((tmp_path / "m" / "map.json").read_text())["version"] == 4
     assert_same_map(open_map(tmp_path / "m"), map_)
     assert open_map(tmp_path / "m").descriptors.method == "vlad"
 

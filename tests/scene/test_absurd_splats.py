@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged files that still parse: absurd numbers are refused, or rendered without a crash."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """COLMAP models as they come: unused cameras, smaller photos, blanks, rigs, no points, damage."""
 
 from __future__ import annotations
@@ -122,9 +123,9 @@ def test_smaller_photos_have_scaled_cameras(
         ([(64, 48), (64, 48), (32, 24)], r"c d 1\.png is 32x24.* but others are not"),
         ([(32, 24), (16, 12), (32, 24)], r"my b\.png is 16x12.* but others are not"),
         ([(48, 64), (48, 64), (48, 64)], r"a\.png is 48x64.* turned by 90 degrees"),
-        ([(64, 48), (64, 40), (64, 48)], r"my b\.png is 64x40.* cut, or of another camera"),
-        ([(64, 47), (64, 47), (64, 47)], r"a\.png is 64x47.* cut, or of another camera"),
-        ([(32, 20), (32, 20), (32, 20)], r"a\.png is 32x20.* cut, or of another camera"),
+        ([(64, 48), (64, 40), (64, 48)], r"my b\.png is 64x40.* cropped, or from another camera"),
+        ([(64, 47), (64, 47), (64, 47)], r"a\.png is 64x47.* cropped, or from another camera"),
+        ([(32, 20), (32, 20), (32, 20)], r"a\.png is 32x20.* cropped, or from another camera"),
     ],
 )
 def test_sizes_that_do_not_fit_are_named(
@@ -174,5 +175,5 @@ def test_damaged_binaries_are_named(poses: Poses, tmp_path: Path) -> None:
             with pytest.raises(ColmapModelError, match=rf"{name} is damaged"):
                 read_colmap_references(tmp_path / "cut", tmp_path)
     (whole / "images.bin").unlink()
-    with pytest.raises(ColmapModelError, match="not a whole COLMAP model"):
+    with pytest.raises(ColmapModelError, match="not a complete COLMAP model"):
         read_colmap_references(whole, tmp_path)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compressed maps: what rounding changes, and damage that is noticed."""
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ def test_one_outlier_costs_the_others_nothing(
     """It is kept apart, exactly, and a warning says so."""
     values, says = OUTLIERS[kind]
     save_map(with_values(map_, 3, **values), tmp_path / "a", compress=True)
-    assert "1 of 30 Gaussians are kept as they are" in caplog.text
+    assert "1 of 30 Gaussians are stored separately" in caplog.text
     assert says in caplog.text
     opened = open_map(tmp_path / "a")
     others = [i for i in range(30) if i != 3]

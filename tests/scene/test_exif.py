@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A guess of the camera from what it wrote into its photo."""
 
 from __future__ import annotations

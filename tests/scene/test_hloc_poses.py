@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose files in hloc's form: read back as written; bad lines named by file and number."""
 
 from __future__ import annotations

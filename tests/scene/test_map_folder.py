@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map folder: saved and opened exactly, moved freely, and its damage noticed."""
 
 from __future__ import annotations

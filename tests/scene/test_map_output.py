@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing maps where one must not or cannot: an OutputError, and nothing lost or left behind."""
 
 from __future__ import annotations
@@ -97,7 +98,10 @@ def test_a_link_to_something_else_or_to_itself(tmp_path: Path, map_: Map) -> Non
     (tmp_path / "file").write_text("hello")
     (tmp_path / "a.gsmap").symlink_to(tmp_path / "file")
     (tmp_path / "b.gsmap").symlink_to(tmp_path / "b.gsmap")
-    for name, message in (("a.gsmap", "is not a gscpe map"), ("b.gsmap", "leads to itself")):
+    for name, message in (
+        ("a.gsmap", "is not a gscpe map"),
+        ("b.gsmap", "symbolic link to itself"),
+    ):
         for write in (check_map_output, lambda folder: save_map(map_, folder)):
             with pytest.raises(OutputError, match=message):
                 write(tmp_path / name)

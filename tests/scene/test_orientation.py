@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos that are stored turned: pixels, cameras and poses turn alike."""
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from gscpe import camera_from_exif, read_image
-from gscpe.geometry import Camera, se3
+from gscpe.geometry import Camera
 from gscpe.geometry.projection import project, transform_points
 from gscpe.scene import read_image_of
 from gscpe.scene.orientation import (
@@ -74,7 +75,7 @@ def test_pixels_cameras_and_poses_turn_alike(
     seen_by = project if camera.is_pinhole else distorted_projection
     before = seen_by(camera, in_cam)
     rotation = turned_from_cam(orientation)
-    world = transform_points(se3.inverse(pose), in_cam)
+    world = transform_points(np.asarray(np.linalg.inv(pose)), in_cam)
     after = seen_by(turned, transform_points(rotation @ pose, world))
     image = np.zeros((camera.height, camera.width), np.uint8)
     for number, (u, v) in enumerate(before, start=1):

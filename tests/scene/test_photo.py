@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photos: decoded as stored, undistorted to a fraction of a pixel, refused with a reason."""
 
 from __future__ import annotations
@@ -154,7 +155,7 @@ def test_a_pinhole_photo_is_taken_as_it_is(picture: NDArray[np.uint8]) -> None:
         np.zeros((47, 61, 3), np.float32),
         np.zeros((47, 61, 3), np.uint16),
         np.zeros((47, 61, 5), np.uint8),
-        np.zeros((47, 61, 1), np.uint8),
+        np.zeros((47, 61, 2), np.uint8),
         np.zeros((1, 47, 61, 3), np.uint8),
         np.zeros(61, np.uint8),
         None,

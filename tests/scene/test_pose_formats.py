@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose files of every form: read back as written, told from each other, bad lines named."""
 
 from __future__ import annotations
@@ -221,15 +222,15 @@ def test_photos_named_by_numbers_are_told_by_the_quaternions(tmp_path: Path) -> 
         ("hello", "line 1: expected 'name qw qx qy qz tx ty tz'.*or JSON; got 'hello'"),
         ("1 2 3 4 5 6 7", "line 1: expected .*; got '1 2 3 4 5 6 7'"),
         (LINES["hloc"] + "\nb.png 1 0 0 0 1 2", "line 2: expected 'name qw"),
-        (LINES["hloc"] + "\n" + LINES["hloc"], "line 2: a.png has a pose already"),
+        (LINES["hloc"] + "\n" + LINES["hloc"], "line 2: a.png already has a pose"),
         (LINES["tum"] + "\n1305031103 1 2 3 0 0 0", "line 2: expected 'timestamp tx"),
         (LINES["tum"] + "\n1305031103 1 2 3 0 0 0 x", "line 2: expected 'timestamp tx"),
         (LINES["tum"] + "\n1305031103 1 2 3 0 0 0 0", "line 2: .*length zero"),
-        (LINES["tum"] + "\n" + LINES["tum"], "line 2: 1305031102.1753 has a pose already"),
+        (LINES["tum"] + "\n" + LINES["tum"], "line 2: 1305031102.1753 already has a pose"),
         (LINES["colmap"] + LINES["colmap"][:-3], "line 2: expected the points of the photo"),
         (LINES["colmap"] + "\n8 1 0 0 0 1 2 3 1", "line 3: expected 'IMAGE_ID QW"),
         (LINES["colmap"] + "\n8 nan 0 0 0 1 2 3 1 b.png", "line 3: .*not finite"),
-        (LINES["colmap"] + "\n" + LINES["colmap"], "line 3: a.png has a pose already"),
+        (LINES["colmap"] + "\n" + LINES["colmap"], "line 3: a.png already has a pose"),
         ('{"poses": [\n{"name"', "line 2: not JSON"),
         ('{"format": "other", "poses": []}', "has format 'other'"),
         ('{"poses": [3]}', "pose 1: expected an object with"),
@@ -314,7 +315,7 @@ def test_equal_numbers_in_two_folders_are_counted(tmp_path: Path) -> None:
 )
 def test_names_stand_for_forms(name: str, kind: PoseFormat) -> None:
     assert format_of_path(f"folder/{name}") == kind
-    with pytest.raises(PoseError, match=r"the ending of p\.xyz does not tell"):
+    with pytest.raises(PoseError, match=r"the file ending of p\.xyz does not say"):
         format_of_path("p.xyz")
 
 
@@ -344,8 +345,8 @@ def test_conversions_by_command(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["p.txt", "p.txt"], "is the input too"),
-        (["p.txt", "out.xyz"], "does not tell the form"),
+        (["p.txt", "p.txt"], "is also the input"),
+        (["p.txt", "out.xyz"], "does not say which form"),
         (["p.txt", "out.txt", "--to", "pgt"], "needs the focal length of a.png"),
         (["p.txt", "out.txt", "--from", "colmap"], "line 1: expected 'IMAGE_ID"),
         (["absent.txt", "out.txt"], "cannot be read"),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Query lists in hloc's form: cameras read exactly; bad lines named by file and number."""
 
 from __future__ import annotations

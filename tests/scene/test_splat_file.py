@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading 3DGS ``.ply`` files: what is stored comes back, and damage is named."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Splats in other formats than .ply: what they keep, and damaged ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A turned splat looks the same from a turned camera, its harmonics included."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lens distortion is removed to a fraction of a pixel, in COLMAP's pixel coordinates."""
 
 from __future__ import annotations

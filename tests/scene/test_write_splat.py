@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing splats: what comes back, what the formats cannot hold, and outputs that fail."""
 
 from __future__ import annotations
@@ -186,7 +187,7 @@ def test_the_header_of_an_spz(rng: np.random.Generator) -> None:
         ),
         (
             lambda s: replace(s, scales=s.scales * np.float32(1e-5)),
-            "the least that .spz holds; write a .ply",
+            "the smallest size that .spz holds; write a .ply",
         ),
     ],
 )

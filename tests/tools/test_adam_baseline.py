@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The baseline of tools/bench_refinement.py differentiates exactly and comes nearer."""
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ def test_it_comes_nearer(loss: str, adam: Any) -> None:
     photo = Photo(wall().shoot(camera, np.eye(4)).uint8, camera)
     start = se3.exp([0.003, -0.003, 0.003, *np.radians([0.1, -0.1, 0.05])])
     seen, settings = Seen(), adam.AdamSettings(loss=loss)
-    found = adam.refine_by_adam(RayCastRenderer(wall()), photo, start, settings, 1.0, seen)
+    found = adam.refine_by_adam(RayCastRenderer(wall()), photo, start, settings, seen)
     begin, end = (pose_difference(pose, np.eye(4)) for pose in (start, found))
     assert end.distance < 0.6 * begin.distance
     assert end.degrees < 0.6 * begin.degrees
@@ -145,7 +146,7 @@ def test_it_renders_anew_when_it_has_left_the_anchor(adam: Any) -> None:
     photo = Photo(wall().shoot(camera, np.eye(4)).uint8, camera)
     for start, anchors in ((np.eye(4), {1}), (se3.exp([0.03, 0, 0, 0, 0, 0]), {2, 3})):
         renderer, seen = RayCastRenderer(wall()), Seen()
-        adam.refine_by_adam(renderer, photo, start, adam.AdamSettings(), 1.0, seen)
+        adam.refine_by_adam(renderer, photo, start, adam.AdamSettings(), seen)
         assert len(seen.anchors) in anchors
         views = RefinementSettings().visibility.views
         assert renderer.renders == (1 + views) * len(seen.anchors)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scenes of tools/bench_render.py grow, and are drawn."""
 
 from __future__ import annotations

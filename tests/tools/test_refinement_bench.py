@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tools/bench_refinement.py makes of photos, starts and times."""
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def test_recorded_refinement_is_the_same_refinement(tool: Tool) -> None:
     plain, renderer = RayCastRenderer(room()), SlowRenderer(room())
     expected = refine_pose(plain, photo, start, settings)
     assert expected.cam_from_world is not None
-    track = tool("refinement_methods").lucas_kanade(settings).run(renderer, photo, start, 1.0)
+    track = tool("refinement_methods").lucas_kanade(settings).run(renderer, photo, start)
     np.testing.assert_array_equal(track.cam_from_world[0], start)
     np.testing.assert_array_equal(track.cam_from_world[-1], expected.cam_from_world)
     assert renderer.renders == plain.renders == 3 * expected.anchors
@@ -139,7 +140,7 @@ def test_a_refinement_that_fails_has_no_trajectory(tool: Tool) -> None:
     photo = Photo(np.full((120, 160, 3), 128, np.uint8), camera)
     away = se3.exp([0, 0, 0, 0, np.pi, 0]) @ ROOM_POSE
     method = tool("refinement_methods").lucas_kanade(RefinementSettings())
-    assert method.run(RayCastRenderer(World(())), photo, away, 1.0) is None
+    assert method.run(RayCastRenderer(World(())), photo, away) is None
 
 
 @dataclass

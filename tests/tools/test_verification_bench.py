@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tools/bench_verification.py makes of attempts, and of evidence."""
 
 from __future__ import annotations

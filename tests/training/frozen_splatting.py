@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """3D Gaussian splatting in float64 NumPy whose discrete decisions can be frozen: order, which
 pixels an ellipse reaches, and what is clamped. Frozen, it is smooth, so that central differences
 give the derivative that a backward pass must have. It takes nothing from gscpe.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``gscpe train``: a whole run, interruption, and bad input."""
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ def test_interrupted_and_resumed(
         assert train(folder) == 130
     assert "--resume" in capsys.readouterr().err
     assert train(folder) == 2  # what is there is not thrown away
-    assert "was interrupted: go on with --resume, or delete it" in capsys.readouterr().err
+    assert "interrupted training: continue with --resume, or delete it" in capsys.readouterr().err
     assert train(folder, "--resume") == 0
     assert (folder / "room.ply").read_bytes() == whole
 

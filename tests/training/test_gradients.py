@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The backward pass against central differences, for every parameter."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The loss and its gradients against float64 NumPy, differences and scikit-image."""
 
 from __future__ import annotations

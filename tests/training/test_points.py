@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Points: read, triangulated, and what they become."""
 
 from __future__ import annotations

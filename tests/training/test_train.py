@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole trainings of a small room."""
 
 from __future__ import annotations
@@ -195,7 +196,7 @@ def test_a_full_disk_is_told_before_anything_is_trained(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez", full)
-    with pytest.raises(OutputError, match=r"No space left.*make room"):
+    with pytest.raises(OutputError, match=r"No space left.*free some space"):
         train(photos, poses, points, SETTINGS, told.append, tmp_path / "room.checkpoint")
     assert not told
     assert not list(tmp_path.iterdir())

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Adam, exposures, densification and schedule, one by one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of poses in the forms of hloc, COLMAP, TUM, 7-Scenes' pseudo ground truth, and JSON."""
 
 from gscpe.scene.poses.colmap_folder import complete_text_model, write_colmap_folder

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes a COLMAP model without points: what COLMAP, pycolmap and trainers of splats open.
 
 https://colmap.github.io/format.html#binary-file-format. Binary, because names are cut at

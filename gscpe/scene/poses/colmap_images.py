@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """COLMAP's images.txt: poses are world to camera, two lines a photo.
 
 https://colmap.github.io/format.html#images-txt

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whose poses those of a TUM file are: it has timestamps, where other files have names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The forms of pose files, and which of them a text has."""
 
 from __future__ import annotations

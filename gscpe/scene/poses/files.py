@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads and writes pose files of any of the forms."""
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ def format_of_path(path: str | Path) -> PoseFormat:
         return _ENDINGS[path.suffix.lower()]
     except KeyError:
         raise PoseError(
-            f"the ending of {path} does not tell the form of a pose file (images.txt, "
+            f"the file ending of {path} does not say which form of pose file it is (images.txt, "
             f"{', '.join(_ENDINGS)} do); say which (--to)"
         ) from None
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose files in hloc's form: ``name qw qx qy qz tx ty tz``, world to camera."""
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def add_pose(
 ) -> None:
     """Raises PoseError when the name has a pose already."""
     if name in poses:
-        raise PoseError(f"{where}: {name} has a pose already")
+        raise PoseError(f"{where}: {name} already has a pose")
     poses[name] = cam_from_world
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses as JSON: our own file of poses, and the details that localizing writes."""
 
 from __future__ import annotations

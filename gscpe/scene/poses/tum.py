@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories in TUM's form: ``timestamp tx ty tz qx qy qz qw``, camera to world.
 
 https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats
