@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What wrong focal lengths do, on RedKitchen ($GSCPE_DATA): whether photos are localized all the
 same, how far off, in centimetres and in their own standard deviations; and the focal length that
-their matches ask for.
+their matches ask for. The last row is of cameras that the map estimates.
 
 Usage: .venv/bin/python tools/bench_focal.py MAP [--queries N] [--factors 1 1.01 ...]
 """
@@ -31,14 +31,17 @@ def main() -> int:
     cases = read_cases(redkitchen(), options.queries)
     rows = []
     with gscpe.Localizer(options.map) as localizer:
-        for factor in options.factors:
+        for factor in (*options.factors, None):
             centimetres, sigmas, nees, asked = [], [], [], []
-            for case in progress(cases, f"focal length x {factor:g}", len(cases)):
+            for case in progress(cases, str(factor or "estimated"), len(cases)):
                 true = case.query.camera
-                wrong = replace(true, fx=factor * true.fx, fy=factor * true.fy)
-                result = localizer.localize(case.image, wrong)
+                if factor is None:
+                    camera = localizer.estimate_camera(case.image)
+                else:
+                    camera = replace(true, fx=factor * true.fx, fy=factor * true.fy)
+                result = localizer.localize(case.image, camera)
                 if result.coarse is not None and result.coarse.focal is not None:
-                    asked.append(abs(np.log(factor * result.coarse.focal.ratio)))
+                    asked.append(abs(np.log(camera.fx * result.coarse.focal.ratio / true.fx)))
                 if result.cam_from_world is None or result.covariance is None:
                     continue
                 pose = result.cam_from_world
@@ -49,7 +52,7 @@ def main() -> int:
             found = len(centimetres)
             rows.append(
                 [
-                    f"{factor:g}",
+                    "estimated" if factor is None else f"{factor:g}",
                     f"{found} of {len(cases)}",
                     f"{np.median(centimetres):.2f}" if found else "",
                     f"{np.max(sigmas):.1f}" if found else "",
