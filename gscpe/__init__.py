@@ -34,6 +34,7 @@ from gscpe.errors import (
     PhotoError,
     PoseError,
     QueryListError,
+    ReconstructionError,
     RenderError,
     SettingsError,
     SplatError,
@@ -119,6 +120,19 @@ if TYPE_CHECKING:
     from gscpe.evaluation import Evaluation as Evaluation
     from gscpe.evaluation import SceneRun as SceneRun
     from gscpe.evaluation import evaluate as evaluate
+    from gscpe.making import Certificate as Certificate
+    from gscpe.making import CertificateSettings as CertificateSettings
+    from gscpe.making import CertifiedPhoto as CertifiedPhoto
+    from gscpe.making import KnownPoses as KnownPoses
+    from gscpe.making import MadeMap as MadeMap
+    from gscpe.making import MakeMapSettings as MakeMapSettings
+    from gscpe.making import make_map as make_map
+    from gscpe.making import read_certificate as read_certificate
+    from gscpe.reconstruction import ModelFrame as ModelFrame
+    from gscpe.reconstruction import Reconstruction as Reconstruction
+    from gscpe.reconstruction import ReconstructionSettings as ReconstructionSettings
+    from gscpe.reconstruction import ScaleSource as ScaleSource
+    from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.report import ReportSettings as ReportSettings
 else:
     # Importing these takes a third as long as all of the rest, and few programs need them.
@@ -129,6 +143,14 @@ else:
             *("read_rgbd_folder", "read_seven_scenes", "read_transforms"),
         ),
         "gscpe.evaluation": ("Evaluation", "SceneRun", "evaluate"),
+        "gscpe.making": (
+            *("Certificate", "CertificateSettings", "CertifiedPhoto", "KnownPoses", "MadeMap"),
+            *("MakeMapSettings", "make_map", "read_certificate"),
+        ),
+        "gscpe.reconstruction": (
+            *("ModelFrame", "Reconstruction", "ReconstructionSettings", "ScaleSource"),
+            "reconstruct",
+        ),
         "gscpe.report": ("ReportSettings",),
     }
 
@@ -153,6 +175,9 @@ __all__ = [
     "BenchmarkSettings",
     "Camera",
     "CameraError",
+    "Certificate",
+    "CertificateSettings",
+    "CertifiedPhoto",
     "CheckedReference",
     "ClippingSettings",
     "ClosedError",
@@ -173,10 +198,13 @@ __all__ = [
     "GscpeError",
     "IndexSettings",
     "InputError",
+    "KnownPoses",
     "LocalizationResult",
     "Localizer",
     "LocalizerSettings",
     "LucasKanadeSettings",
+    "MadeMap",
+    "MakeMapSettings",
     "Map",
     "MapCheck",
     "MapCheckSettings",
@@ -188,6 +216,7 @@ __all__ = [
     "Misfit",
     "MissingDependencyError",
     "ModelError",
+    "ModelFrame",
     "Observer",
     "OutputError",
     "Photo",
@@ -199,6 +228,9 @@ __all__ = [
     "PosePrior",
     "Query",
     "QueryListError",
+    "Reconstruction",
+    "ReconstructionError",
+    "ReconstructionSettings",
     "References",
     "RefinementObserver",
     "RefinementResult",
@@ -209,6 +241,7 @@ __all__ = [
     "Renders",
     "ReportSettings",
     "RgbdMapSettings",
+    "ScaleSource",
     "SceneRun",
     "SettingsError",
     "Similarity",
@@ -225,6 +258,7 @@ __all__ = [
     "check_frames",
     "check_map",
     "evaluate",
+    "make_map",
     "make_matcher",
     "map_from_rgbd",
     "map_without_references",
@@ -234,6 +268,7 @@ __all__ = [
     "open_map",
     "pose_difference",
     "read_cambridge",
+    "read_certificate",
     "read_colmap",
     "read_colmap_references",
     "read_fast_livo2",
@@ -245,6 +280,7 @@ __all__ = [
     "read_splat",
     "read_transform",
     "read_transforms",
+    "reconstruct",
     "save_map",
     "scene_from_rgbd",
     "to_photo",

@@ -65,6 +65,10 @@ class TrainingError(InputError):
     """Photos, poses or a checkpoint cannot be used for training."""
 
 
+class ReconstructionError(InputError):
+    """Photos or a video cannot be put together to a model of a place."""
+
+
 class OutputError(GscpeError):
     """A result cannot be written where it was asked to be."""
 

@@ -18,7 +18,9 @@ from gscpe.cli import (
     doctor,
     evaluate,
     localize,
+    make_map,
     models,
+    reconstruct,
     render,
     train,
 )
@@ -27,7 +29,19 @@ from gscpe.errors import GscpeError, ran_out_of_memory
 from gscpe.interrupts import Terminated, terminated_like_interrupts
 
 _COMMANDS = (
-    *(demo, train, build_map, localize, benchmark, evaluate, convert_poses, render, models),
+    *(
+        demo,
+        make_map,
+        reconstruct,
+        train,
+        build_map,
+        localize,
+        benchmark,
+        evaluate,
+        convert_poses,
+        render,
+        models,
+    ),
     doctor,
 )
 

@@ -18,6 +18,8 @@ from gscpe.geometry.projection import pose_jacobian, project, transform_points
 _BEHIND = 1e-6
 _ITERATIONS = 50
 _MIN_MATCHES = 8
+_SAMPLE = 300
+_ROUGH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -139,14 +141,20 @@ def check_focal_length(
     ahead = depths[depths > _BEHIND]
     if not len(ahead):
         return None
+    few = slice(None, None, max(1, len(pixels) // _SAMPLE))  # are enough to choose a start
     best: FocalEstimate | None = None
     for factor in _STARTS:
         start = cam_from_world.copy()
         start[2, 3] += (factor - 1.0) * float(np.median(ahead))
-        found = solve_focal_length(points_world, pixels, _times(camera, factor), start, pnp)
+        found = solve_focal_length(
+            points_world[few], pixels[few], _times(camera, factor), start, pnp, _ROUGH
+        )
         if found is not None and (best is None or found.inliers > 1.02 * best.inliers):
-            best = replace(found, ratio=factor * found.ratio)
-    return best
+            best = found
+    if best is None:
+        return None
+    found = solve_focal_length(points_world, pixels, best.camera, best.cam_from_world, pnp)
+    return found and replace(found, ratio=float(found.camera.fx / camera.fx))
 
 
 def solve_focal_length(
@@ -155,11 +163,13 @@ def solve_focal_length(
     camera: Camera,
     cam_from_world: Float64Array,
     pnp: PnPSettings,
+    smallest_step: float = 1e-6,
 ) -> FocalEstimate | None:
     """Gauss-Newton over the pose and the logarithm of the focal length, from a start that is near
     enough; None when few matches agree with it.
 
-    Arguments as :func:`estimate_focal_length`; ``cam_from_world``: (4, 4), the start.
+    Arguments as :func:`estimate_focal_length`; ``cam_from_world``: (4, 4), the start;
+    ``smallest_step``: of all seven numbers, which ends the iteration.
     """
     given = camera.fx
     for _ in range(_ITERATIONS):
@@ -180,7 +190,7 @@ def solve_focal_length(
         step = solve_observed(hessian, np.einsum("nri,n,nr->i", jacobian, weights, residuals))
         cam_from_world = se3.exp(step[:6]) @ cam_from_world
         camera = _times(camera, float(np.exp(np.clip(step[6], -0.2, 0.2))))
-        if np.abs(step).max() < 1e-8:
+        if np.abs(step).max() < smallest_step:
             break
     variance = float(np.sum(weights * squared[near]) / (2.0 * np.sum(weights)))
     covariance = pnp.noise_correlation * variance * covariance_from_information(hessian)

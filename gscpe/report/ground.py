@@ -9,13 +9,10 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.geometry.up import common_up
 from gscpe.scene import GaussianScene
 from gscpe.scene.gaussians import SH_C0
 
-_COMMON = 0.5
-"""Length of the mean of unit up vectors above which cameras agree on what is up."""
-
-_TRUST_IN_UP = 0.1
 _MOST_OPAQUE = 0.6
 
 
@@ -41,21 +38,15 @@ class GroundPlane:
 def choose_ground_plane(cam_from_world: Float64Array, centres: Float64Array) -> GroundPlane:
     """The plane of a picture from above.
 
-    People hold cameras level more often than they point them at the horizon, so up is the
-    direction most at right angles to the cameras' x axes; their own up vectors decide where
-    all look the same way. Where cameras have no common up, two principal axes of the
-    positions are taken.
+    Where the cameras have no common up, two principal axes of the positions are taken.
 
     Args:
         cam_from_world: (N, 4, 4) of the reference photos; N may be 0.
         centres: (M, 3) of all cameras that will be drawn, M > 0.
     """
     spread = _principal_axes(centres)
-    right, own_up = cam_from_world[:, 0, :3], -cam_from_world[:, 1, :3]
-    if len(cam_from_world) and np.linalg.norm(own_up.mean(axis=0)) >= _COMMON:
-        cost = right.T @ right - _TRUST_IN_UP * own_up.T @ own_up
-        up = np.linalg.eigh(cost)[1][:, 0]
-        up = up if up @ own_up.mean(axis=0) > 0 else -up
+    up = common_up(cam_from_world)
+    if up is not None:
         why = (
             "Up is the direction most at right angles to the image rows of the reference photos; "
             "the longer extent of the camera positions is horizontal."

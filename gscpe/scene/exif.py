@@ -45,6 +45,15 @@ def camera_from_exif(path: str | Path, upright: bool = False) -> Camera | None:
     return turned_camera(camera, exif_orientation(path)) if upright else camera
 
 
+def exif_of(path: Path) -> Any:
+    """Pillow's EXIF tags of a photo; none where it has none.
+
+    Raises:
+        PhotoError: the file is missing or is not an image.
+    """
+    return _size_and_exif(path)[1]
+
+
 def _size_and_exif(path: Path) -> tuple[tuple[int, int], Any]:
     from PIL import Image, UnidentifiedImageError
 

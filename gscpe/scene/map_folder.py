@@ -2,7 +2,7 @@
 """The map folder: everything that localization needs, in one place that can be moved.
 
 Layout (docs/formats.md): ``map.json`` (format, version, size and CRC-32 of the other
-files), and the files of gscpe.scene.map_contents.
+files), and the files of gscpe.scene.map_contents. A certificate may lie beside them.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from gscpe.scene.splat_formats import require_gaussforge
 FORMAT = "gscpe map"
 VERSION = 4
 _SEAL = "map.json"
+CERTIFICATE, CERTIFICATE_PAGE = "certificate.json", "certificate.html"
+"""How good the map is (gscpe.making); not of the map itself, which is opened without."""
 
 
 def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
@@ -165,7 +167,7 @@ def _is_replaceable(folder: Path) -> bool:
     if not folder.is_dir():
         return False
     names = {entry.name for entry in folder.iterdir()}  # all of them would be deleted
-    known = {_SEAL, *PLAIN, *COMPRESSED}
+    known = {_SEAL, CERTIFICATE, CERTIFICATE_PAGE, *PLAIN, *COMPRESSED}
     return not names or (bool(names & GAUSSIANS) and names <= known)
 
 

@@ -15,7 +15,7 @@ from gscpe.scene.photo_name import name_in_folder, split_quoted_name, with_slash
 from gscpe.scene.photo_size import SizeMisfit, fit_sizes, photo_size_or_none
 from gscpe.scene.text_file import read_text_file
 
-_ENDINGS = {
+PHOTO_ENDINGS = {
     ".png",
     ".jpg",
     ".jpeg",
@@ -28,7 +28,7 @@ _ENDINGS = {
     ".ppm",
     ".pgm",
 }
-_ENDINGS |= {".heic", ".heif"}  # taken for photos, whether they can be read here or not
+PHOTO_ENDINGS |= {".heic", ".heif"}  # taken for photos, whether they can be read here or not
 # The last camera model in a line that has a number, or nothing, behind it: names have blanks.
 _CAMERA = re.compile(
     rf"(.*\S)[\s,]+((?:{'|'.join(model for model, _ in MODELS)})"
@@ -100,7 +100,7 @@ def folder_queries(folder: str | Path, camera: Camera) -> tuple[Query, ...]:
         QueryListError: there are none.
     """
     folder = Path(folder)
-    paths = (path for path in folder.rglob("*") if path.suffix.lower() in _ENDINGS)
+    paths = (path for path in folder.rglob("*") if path.suffix.lower() in PHOTO_ENDINGS)
     names = sorted(path.relative_to(folder).as_posix() for path in paths if path.is_file())
     if not names:
         raise QueryListError(f"{folder} holds no photos (.jpg, .png, ...)")

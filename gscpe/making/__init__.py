@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps from photos or a video, in one go, and how good they are."""
+
+from gscpe.making.certificate import Certificate, CertifiedPhoto, certify, read_certificate
+from gscpe.making.certificate_page import write_certificate_page
+from gscpe.making.certificate_tables import photo_table, summary_table
+from gscpe.making.make_map import KnownPoses, MadeMap, make_map, work_folder_of
+from gscpe.making.settings import CertificateSettings, MakeMapSettings
+
+__all__ = [
+    "Certificate",
+    "CertificateSettings",
+    "CertifiedPhoto",
+    "KnownPoses",
+    "MadeMap",
+    "MakeMapSettings",
+    "certify",
+    "make_map",
+    "photo_table",
+    "read_certificate",
+    "summary_table",
+    "work_folder_of",
+    "write_certificate_page",
+]

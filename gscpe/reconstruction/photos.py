@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Photos as they are put together: upright, not too large, and sorted by the camera that took
+them."""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from gscpe.arrays import UInt8Array
+from gscpe.errors import OutputError, PhotoError, ReconstructionError
+from gscpe.reconstruction.disk import when_full
+from gscpe.reconstruction.frames import choose_frames, read_frames, watch
+from gscpe.reconstruction.settings import ReconstructionSettings
+from gscpe.reconstruction.sharpness import sharpness
+from gscpe.reconstruction.sources import Source
+from gscpe.scene.exif import camera_from_exif, exif_of
+from gscpe.scene.gps import gps_from_exif
+from gscpe.scene.image_file import read_image
+from gscpe.scene.orientation import exif_orientation
+
+_log = logging.getLogger(__name__)
+
+_LEAST_PHOTOS = 3
+_JPEG_QUALITY = 95
+_KEPT_AS_THEY_ARE = {".jpg", ".jpeg"}
+_WRITABLE = {".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"}
+_MAKE, _MODEL, _EXIF_BLOCK, _FOCAL = 0x010F, 0x0110, 0x8769, 0x920A
+
+
+@dataclass(frozen=True)
+class PreparedPhoto:
+    """A photo in the work folder.
+
+    Attributes:
+        name: relative to the folder of photos.
+        camera: photos with the same text were taken by one camera, zoomed alike.
+        width, height: pixels.
+        focal: focal length, pixels; None where the photo does not say.
+        sharpness: see :func:`sharpness`.
+        video: the video that it is of; "" for none.
+        gps: latitude, longitude, altitude; None where it does not say.
+    """
+
+    name: str
+    camera: str
+    width: int
+    height: int
+    focal: float | None
+    sharpness: float
+    video: str = ""
+    gps: tuple[float, float, float] | None = None
+
+
+def prepare_photos(
+    source: Source, folder: Path, settings: ReconstructionSettings, progress: bool = False
+) -> tuple[list[PreparedPhoto], dict[str, str]]:
+    """Writes the photos and the videos' frames to a folder.
+
+    Returns:
+        The photos, sorted by name; and why others could not be used, by name.
+
+    Raises:
+        ReconstructionError: fewer than 3 are left, or all are blurred; the only video cannot be
+            decoded or hardly moves.
+        OutputError: they cannot be written.
+    """
+    unusable: dict[str, str] = {}
+    photos = []
+    for name, path in tqdm(
+        source.photos.items(), desc="reading photos", unit="photo", disable=not progress
+    ):
+        try:
+            photos.append(_prepare_photo(name, path, folder, settings.max_size))
+        except PhotoError as error:
+            unusable[name] = str(error)
+    frames = max(3, settings.frames // max(len(source.videos), 1))
+    for name, path in source.videos.items():
+        try:
+            photos += _prepare_video(name, path, folder, frames, settings.max_size, progress)
+        except ReconstructionError as error:
+            if not source.photos and len(source.videos) == 1:
+                raise
+            unusable[name] = str(error)
+    photos.sort(key=lambda photo: photo.name)
+    if len(photos) < _LEAST_PHOTOS:
+        why = f" ({next(iter(unusable.values()))})" if unusable else ""
+        raise ReconstructionError(
+            f"{len(photos)} usable photos are too few{why}: at least {_LEAST_PHOTOS} from "
+            "different places are needed, and 30 to 200 make a good map"
+        )
+    if all(photo.sharpness < settings.min_sharpness for photo in photos):
+        best = max(photo.sharpness for photo in photos)
+        raise ReconstructionError(
+            f"all {len(photos)} photos are blurred (the sharpest has {best:.2f}, where "
+            f"{settings.min_sharpness:g} is needed and 0.6 is usual): hold the camera still, give "
+            "it more light, and clean the lens"
+        )
+    return photos, unusable
+
+
+def read_prepared(path: Path) -> tuple[list[PreparedPhoto], dict[str, str]]:
+    """What :func:`write_prepared` wrote."""
+    stored = json.loads(path.read_text(encoding="utf-8"))
+    photos = [
+        PreparedPhoto(**{**entry, "gps": entry["gps"] and tuple(entry["gps"])})
+        for entry in stored["photos"]
+    ]
+    return photos, dict(stored["unusable"])
+
+
+def write_prepared(path: Path, photos: list[PreparedPhoto], unusable: dict[str, str]) -> None:
+    """Keeps the list, for a run that goes on."""
+    stored = {"photos": [asdict(photo) for photo in photos], "unusable": unusable}
+    with when_full(path):
+        path.write_text(json.dumps(stored, indent=1), encoding="utf-8")
+
+
+def _prepare_photo(name: str, path: Path, folder: Path, max_size: int) -> PreparedPhoto:
+    image = read_image(path, upright=True)[:, :, :3]
+    height, width = image.shape[:2]
+    small = _shrunk(image, max_size)
+    ending = path.suffix.lower()
+    if ending not in _WRITABLE:
+        name = f"{name}.jpg"
+    as_it_is = small is image and ending in _KEPT_AS_THEY_ARE and exif_orientation(path) == 1
+    _write(folder / name, path.read_bytes() if as_it_is else _encoded(small, name))
+    guess = camera_from_exif(path, upright=True)
+    focal = None if guess is None else guess.fx * small.shape[1] / width
+    exif = exif_of(path)
+    maker = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (_MAKE, _MODEL))
+    zoom = exif.get_ifd(_EXIF_BLOCK).get(_FOCAL, "")
+    return PreparedPhoto(
+        name=name,
+        camera=f"{maker} {zoom} {width}x{height}".strip(),
+        width=small.shape[1],
+        height=small.shape[0],
+        focal=focal,
+        sharpness=sharpness(small),
+        gps=gps_from_exif(path),
+    )
+
+
+def _prepare_video(
+    name: str, path: Path, folder: Path, count: int, max_size: int, progress: bool
+) -> list[PreparedPhoto]:
+    chosen = choose_frames(watch(path, progress), count)
+    _log.info("%s: %d frames are taken", path, len(chosen))
+    numbers = [frame.number for frame in chosen]
+    photos = []
+    frames = tqdm(
+        read_frames(path, numbers),
+        desc=f"taking frames of {path.name}",
+        total=len(numbers),
+        disable=not progress,
+    )
+    for number, image in frames:
+        small = _shrunk(image, max_size)
+        height, width = small.shape[:2]
+        frame_name = f"{name}/{number:06d}.jpg"
+        _write(folder / frame_name, _encoded(small, frame_name))
+        photos.append(
+            PreparedPhoto(frame_name, name, width, height, None, sharpness(small), video=name)
+        )
+    return photos
+
+
+def _shrunk(image: UInt8Array, max_size: int) -> UInt8Array:
+    height, width = image.shape[:2]
+    scale = max_size / max(height, width)
+    if scale >= 1.0:
+        return image
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _encoded(image: UInt8Array, name: str) -> bytes:
+    ending = Path(name).suffix.lower()
+    quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if ending in _KEPT_AS_THEY_ARE else []
+    done, data = cv2.imencode(ending, np.ascontiguousarray(image[:, :, ::-1]), quality)
+    if not done:
+        raise OutputError(f"this OpenCV cannot write {ending} images")
+    return data.tobytes()
+
+
+def _write(path: Path, data: bytes) -> None:
+    with when_full(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From photos or a video to their poses and a cloud of points."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+import time
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from gscpe.errors import ReconstructionError
+from gscpe.reconstruction import colmap
+from gscpe.reconstruction.disk import require_space, when_full
+from gscpe.reconstruction.frame import ModelFrame, poses_of, settle_frame
+from gscpe.reconstruction.masks import prepare_masks
+from gscpe.reconstruction.pairs import choose_pairs
+from gscpe.reconstruction.photos import (
+    PreparedPhoto,
+    prepare_photos,
+    read_prepared,
+    write_prepared,
+)
+from gscpe.reconstruction.scale import ScaleSource
+from gscpe.reconstruction.settings import ReconstructionSettings
+from gscpe.reconstruction.sources import Source, find_source
+from gscpe.reconstruction.work_folder import open_work_folder
+
+_log = logging.getLogger(__name__)
+
+_RESULT = "reconstruction.json"
+_BYTES_A_PHOTO = 4_000_000  # features, and matches with thirty others
+_LEAST_PHOTOS = 3
+_FEW_FEATURES = 100
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What came of photos that were put together.
+
+    Attributes:
+        model_folder: COLMAP model, with points.
+        image_folder: the photos that it is of: upright, and not larger than asked for.
+        placed: names of the photos that have a pose.
+        not_placed: why the others have none, by name.
+        other_models: names of photos that hang together, but not with those that were placed.
+        points: their number.
+        error: mean distance of the points' images from the features, pixels.
+        frame: unit and axes of the model.
+        seconds: by step.
+    """
+
+    model_folder: Path
+    image_folder: Path
+    placed: tuple[str, ...]
+    not_placed: Mapping[str, str]
+    other_models: tuple[tuple[str, ...], ...]
+    points: int
+    error: float
+    frame: ModelFrame
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        count = len(self.placed) + len(self.not_placed)
+        unit = self.frame.metres_per_unit
+        length = "of unknown length" if unit is None else f"= {unit:g} m"
+        return (
+            f"{len(self.placed)} of {count} photos placed, {self.points} points, "
+            f"{self.error:.2f} px, 1 unit {length}"
+        )
+
+
+def reconstruct(
+    source: str | Path | Sequence[str | Path],
+    folder: str | Path,
+    settings: ReconstructionSettings | None = None,
+    scale: ScaleSource | None = None,
+    masks: str | Path | None = None,
+    resume: bool = False,
+    progress: bool = False,
+) -> Reconstruction:
+    """Structure from motion of photos or videos, by pycolmap, on the CPU.
+
+    Photos are turned upright, shrunk, sorted by camera (EXIF and size; photos of one size that say
+    nothing are taken to be of one camera) and matched with those that look alike or come next.
+    After Ctrl-C, or a full disk, ``resume`` does not do again what is finished.
+
+    Args:
+        source: folders of photos, videos, or single photos.
+        folder: to write to: the model in ``sparse/0``, the photos in ``images``, and
+            ``reconstruction.json``, which says what came of each.
+        settings: how.
+        scale: where the unit comes from; by default it stays unknown.
+        masks: folder of pictures named like the photos, black where these do not count.
+        resume: go on with what is in the folder.
+        progress: show bars.
+
+    Raises:
+        ReconstructionError: there are too few photos, all are blurred, they do not overlap; a
+            video cannot be decoded or hardly moves; the scale cannot be found.
+        PhotoError: a mask cannot be used.
+        OutputError: the folder is of something else, or the disk is full.
+        MissingDependencyError: pycolmap is not installed.
+    """
+    colmap.require_pycolmap()
+    settings, scale = settings or ReconstructionSettings(), scale or ScaleSource()
+    found = find_source([source] if isinstance(source, str | Path) else source)
+    folder = Path(folder)
+    stamp = {
+        "photos": found.stamp(),
+        "settings": asdict(settings),
+        "masks": None if masks is None else str(Path(masks).resolve()),
+    }
+    open_work_folder(folder, stamp, resume, _RESULT)
+    clock = _Clock()
+    images, database, models = folder / "images", folder / "database.db", folder / "models"
+    photos, unusable = _prepared(found, folder, settings, clock, progress)
+    mask_folder = None
+    if masks is not None:
+        mask_folder = folder / "masks"
+        prepare_masks(photos, Path(masks), mask_folder)
+    done = models / "done.json"
+    if not done.exists():
+        if not database.exists():
+            require_space(folder, _BYTES_A_PHOTO * len(photos))
+        with clock.step("features"):
+            colmap.extract(database, photos, images, mask_folder, settings, progress)
+        with clock.step("matching"):
+            pairs = choose_pairs(photos, images, settings, progress)
+            colmap.match(database, pairs, folder / "pairs.txt", progress)
+        with clock.step("placing"):
+            shutil.rmtree(models, ignore_errors=True)
+            placed = colmap.place(database, images, models, settings, len(photos), progress)
+        with when_full(done):
+            for number, each in enumerate(placed):
+                target = models / f"by-size-{number}"
+                target.mkdir(parents=True)
+                each.write(str(target))
+            done.write_text(json.dumps(len(placed)), encoding="utf-8")
+    count = int(json.loads(done.read_text(encoding="utf-8")))
+    read = colmap.require_pycolmap().Reconstruction
+    by_size = [read(str(models / f"by-size-{number}")) for number in range(count)]
+    features, shared = colmap.verified_pairs(database)
+    if not by_size or by_size[0].num_reg_images() < _LEAST_PHOTOS:
+        raise ReconstructionError(_why_none(photos, features, shared))
+    model, *others = by_size
+    placed_names = tuple(poses_of(model))
+    apart = tuple(
+        tuple(name for name in poses_of(other) if name not in placed_names) for other in others
+    )
+    gps = {photo.name: photo.gps for photo in photos if photo.gps is not None}
+    frame = settle_frame(model, scale, gps)
+    sparse = folder / "sparse" / "0"
+    with when_full(sparse):
+        sparse.mkdir(parents=True, exist_ok=True)
+        model.write(str(sparse))
+    result = Reconstruction(
+        model_folder=sparse,
+        image_folder=images,
+        placed=placed_names,
+        not_placed=_not_placed(
+            photos, unusable, set(placed_names), apart, features, shared, settings
+        ),
+        other_models=tuple(names for names in apart if names),
+        points=model.num_points3D(),
+        error=float(model.compute_mean_reprojection_error()),
+        frame=frame,
+        seconds=clock.seconds,
+    )
+    _write_result(folder / _RESULT, result)
+    return result
+
+
+def _prepared(
+    source: Source,
+    folder: Path,
+    settings: ReconstructionSettings,
+    clock: _Clock,
+    progress: bool,
+) -> tuple[list[PreparedPhoto], dict[str, str]]:
+    listed = folder / "photos.json"
+    if listed.exists():
+        return read_prepared(listed)
+    with clock.step("photos"):
+        photos, unusable = prepare_photos(source, folder / "images", settings, progress)
+    write_prepared(listed, photos, unusable)
+    return photos, unusable
+
+
+def _not_placed(
+    photos: Sequence[PreparedPhoto],
+    unusable: Mapping[str, str],
+    placed: set[str],
+    others: Sequence[Sequence[str]],
+    features: Mapping[str, int],
+    shared: Mapping[str, int],
+    settings: ReconstructionSettings,
+) -> dict[str, str]:
+    """Why, by name."""
+    reasons = dict(unusable)
+    elsewhere = {name: len(names) for names in others for name in names}
+    for photo in photos:
+        name = photo.name
+        if name in placed:
+            continue
+        if name in elsewhere:
+            reasons[name] = (
+                f"is one of {elsewhere[name]} photos that hang together among themselves alone: "
+                "photos between them and the others are missing"
+            )
+        elif photo.sharpness < settings.min_sharpness:
+            reasons[name] = "is blurred"
+        elif features.get(name, 0) < _FEW_FEATURES:
+            reasons[name] = f"has hardly any features ({features.get(name, 0)}): blank, or too dark"
+        elif not shared.get(name, 0):
+            reasons[name] = "shows nothing that another photo shows too"
+        else:
+            reasons[name] = (
+                f"shares something with {shared[name]} others, but not enough to tell its pose"
+            )
+    return dict(sorted(reasons.items()))
+
+
+def _why_none(
+    photos: Sequence[PreparedPhoto], features: Mapping[str, int], shared: Mapping[str, int]
+) -> str:
+    """Why no model came of the photos, and what to do."""
+    if np.median([features.get(photo.name, 0) for photo in photos]) < _FEW_FEATURES:
+        return (
+            f"the {len(photos)} photos have hardly any features: they are blank, dark or blurred. "
+            "Take them in more light, of things with texture"
+        )
+    overlapping = sum(shared.get(photo.name, 0) > 0 for photo in photos)
+    if overlapping < _LEAST_PHOTOS:
+        return (
+            f"the photos do not overlap: {overlapping} of {len(photos)} show something that "
+            "another shows too. Each place must be in three photos and more, from half a step apart"
+        )
+    return (
+        f"{overlapping} of {len(photos)} photos overlap, but their poses cannot be told: were they "
+        "all taken from one spot? Step sideways between two photos, do not only turn"
+    )
+
+
+def _write_result(path: Path, result: Reconstruction) -> None:
+    data: dict[str, Any] = asdict(result)
+    for name in ("model_folder", "image_folder"):
+        data[name] = str(getattr(result, name).relative_to(path.parent))
+    with when_full(path):
+        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - begin, 2)
+        _log.info("%s: %.1f s", name, self.seconds[name])

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What tells how large a model is, and where: nothing, GPS, known poses, or a known distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Mapping
+
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float64Array
+from gscpe.errors import ReconstructionError, SettingsError
+from gscpe.geometry.alignment import umeyama
+from gscpe.geometry.similarity_transform import Similarity
+from gscpe.scene.gps import local_metres
+from gscpe.scene.poses import read_pose_file
+
+_TRIALS = 500
+_LEAST = 3
+_SIGMAS = 2.5
+_MOST_GPS_ERROR = 0.25  # of the spread of the positions
+
+
+@dataclass(frozen=True)
+class ScaleSource:
+    """Where a model's unit comes from; see :meth:`parse`.
+
+    Attributes:
+        kind: "unknown", "gps", "poses" or "distance".
+        poses: file of known poses.
+        between: two photos whose distance is known, ...
+        metres: ... and how far apart they were taken.
+    """
+
+    kind: str = "unknown"
+    poses: Path | None = None
+    between: tuple[str, str] = ("", "")
+    metres: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str | None) -> ScaleSource:
+        """Of ``unknown``, ``gps`` (of the photos' EXIF), ``distance:PHOTO,PHOTO,METRES``, or the
+        path of a file with known poses of some of the photos.
+
+        Raises:
+            SettingsError: it is none of these.
+        """
+        if text in (None, "", "unknown"):
+            return cls()
+        assert text is not None
+        if text == "gps":
+            return cls("gps")
+        if text.startswith("distance:"):
+            parts = [part.strip() for part in text.removeprefix("distance:").split(",")]
+            try:
+                first, second, metres = parts[0], parts[1], float(parts[2])
+            except (IndexError, ValueError):
+                first, second, metres = "", "", 0.0
+            if len(parts) != 3 or first == second or not 0 < metres < np.inf:
+                raise SettingsError(
+                    f"{text!r} is not of the form distance:PHOTO,PHOTO,METRES, for example "
+                    "distance:IMG_1.jpg,IMG_9.jpg,2.5"
+                )
+            return cls("distance", between=(first, second), metres=metres)
+        if not Path(text).is_file():
+            raise SettingsError(
+                f"there is no file of known poses {text}; a scale is from gps, "
+                "distance:PHOTO,PHOTO,METRES, or such a file"
+            )
+        return cls("poses", poses=Path(text))
+
+
+def scaled_like_poses(cam_from_world: Mapping[str, Float64Array], path: Path) -> Similarity:
+    """The similarity from a model's frame to that of known poses, by the positions of the photos
+    that both have; a few wrong ones do no harm.
+
+    Raises:
+        PoseError: the file cannot be read.
+        ReconstructionError: it has too few of the photos, they stand on one line, or do not fit.
+    """
+    known = read_pose_file(path).poses
+    names = [name for name in cam_from_world if name in known]
+    if len(names) < _LEAST:
+        raise ReconstructionError(
+            f"{path} has the poses of {len(names)} of the {len(cam_from_world)} photos that were "
+            f"placed, and at least {_LEAST} are needed; names must be the photos' own, for example "
+            f"{next(iter(cam_from_world))}"
+        )
+    ours = _centres(np.stack([cam_from_world[name] for name in names]))
+    theirs = _centres(np.stack([known[name] for name in names]))
+    for positions, whose in ((ours, "were placed"), (theirs, "are known")):
+        spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
+        if spread[1] < 0.01 * spread[0]:
+            raise ReconstructionError(
+                f"the photos whose poses {whose} stand on one line: that does not tell how the "
+                f"model is turned about it; add one beside it to {path}"
+            )
+    moved, inliers = robust_similarity(ours, theirs)
+    if np.count_nonzero(inliers) < max(_LEAST, 0.5 * len(names)):
+        raise ReconstructionError(
+            f"the poses in {path} do not fit the photos: of {len(names)}, only "
+            f"{np.count_nonzero(inliers)} agree. Are they world to camera, and of these photos?"
+        )
+    return moved
+
+
+def scaled_like_gps(
+    level: Mapping[str, Float64Array], gps: Mapping[str, tuple[float, float, float]]
+) -> tuple[Similarity, tuple[float, float, float]]:
+    """The similarity from a model whose z axis points up to east, north and up in metres; and the
+    origin of these, latitude, longitude and altitude.
+
+    The cameras know better what is level than satellites do: only turned about the z axis.
+
+    Args:
+        level: ``cam_from_world`` of the photos.
+        gps: latitude, longitude and altitude of some of them.
+
+    Raises:
+        ReconstructionError: too few photos have a position, or the positions are spread too little
+            for how inexact they are.
+    """
+    names = [name for name in level if name in gps]
+    if len(names) < _LEAST:
+        raise ReconstructionError(
+            f"{len(names)} of the {len(level)} photos that were placed have a GPS position in "
+            f"their EXIF, and at least {_LEAST} are needed; messengers remove it: take the "
+            "originals"
+        )
+    positions = np.array([gps[name] for name in names], dtype=np.float64)
+    origin = np.median(positions, axis=0)
+    theirs = local_metres(positions, origin)
+    ours = _centres(np.stack([level[name] for name in names]))
+    flat_ours, flat_theirs = ours * (1.0, 1.0, 0.0), theirs * (1.0, 1.0, 0.0)
+    moved, inliers = robust_similarity(flat_ours, flat_theirs, about_z=True)
+    misses = np.linalg.norm(moved.apply(flat_ours) - flat_theirs, axis=1)
+    spread = np.sqrt(np.mean(np.sum((flat_theirs - flat_theirs.mean(axis=0)) ** 2, axis=1)))
+    if spread <= 0 or np.median(misses) > _MOST_GPS_ERROR * spread:
+        raise ReconstructionError(
+            f"the GPS positions do not tell the scale: they are spread over {spread:.1f} m, and "
+            f"{np.median(misses):.1f} m off (median); without --scale-from it stays unknown"
+        )
+    height = np.median(theirs[inliers, 2] - moved.scale * ours[inliers, 2])
+    translation = moved.translation + np.array([0.0, 0.0, height])
+    return Similarity(moved.scale, moved.rotation, translation), (
+        float(origin[0]),
+        float(origin[1]),
+        float(origin[2]),
+    )
+
+
+def scaled_by_distance(
+    cam_from_world: Mapping[str, Float64Array], source: ScaleSource
+) -> Similarity:
+    """The scaling that makes two photos stand as far apart as they are known to.
+
+    Raises:
+        ReconstructionError: one of them was not placed, or both stand in one place.
+    """
+    for name in source.between:
+        if name not in cam_from_world:
+            raise ReconstructionError(
+                f"{name}, whose distance is given, was not placed; names are like "
+                f"{next(iter(cam_from_world))}"
+            )
+    first, second = _centres(np.stack([cam_from_world[name] for name in source.between]))
+    apart = float(np.linalg.norm(first - second))
+    if apart < 1e-9:
+        raise ReconstructionError(f"{' and '.join(source.between)} were taken from one place")
+    return Similarity(source.metres / apart, np.eye(3), np.zeros(3))
+
+
+def robust_similarity(
+    points_a: Float64Array, points_b: Float64Array, about_z: bool = False
+) -> tuple[Similarity, BoolArray]:
+    """The similarity from a to b that most points agree with: least median of squares over samples,
+    then least squares over what fits (Rousseeuw and Leroy, 1987).
+
+    Args:
+        points_a, points_b: (N, 3) corresponding points.
+        about_z: turn about the z axis alone; all points have z = 0.
+
+    Returns:
+        The similarity, and which points agree with it, (N,).
+    """
+    rng = np.random.default_rng(0)
+    count, size = len(points_a), 2 if about_z else 3
+    fit = _about_z if about_z else umeyama
+    best, least = fit(points_a, points_b), np.inf
+    for trial in range(_TRIALS):
+        some = np.arange(count) if trial == 0 else rng.choice(count, size, replace=False)
+        tried = fit(points_a[some], points_b[some])
+        misses = np.linalg.norm(tried.apply(points_a) - points_b, axis=1)
+        median = float(np.median(misses))
+        if median < least:
+            best, least = tried, median
+    # Few points beyond those that the sample fits look better than they are.
+    reach = _SIGMAS * (1.0 + 5.0 / max(count - size, 1)) * max(least, 1e-9)
+    inliers = np.linalg.norm(best.apply(points_a) - points_b, axis=1) <= reach
+    if np.count_nonzero(inliers) >= size:
+        best = fit(points_a[inliers], points_b[inliers])
+    return best, np.asarray(inliers)
+
+
+def _about_z(points_a: Float64Array, points_b: Float64Array) -> Similarity:
+    """Least squares in the plane, as complex numbers."""
+    a, b = (points[:, 0] + 1j * points[:, 1] for points in (points_a, points_b))
+    mean_a, mean_b = a.mean(), b.mean()
+    spread = float(np.sum(np.abs(a - mean_a) ** 2))
+    factor = np.sum(np.conj(a - mean_a) * (b - mean_b)) / spread if spread > 0 else 1.0 + 0j
+    scale, angle = float(np.abs(factor)) or 1.0, float(np.angle(factor))
+    cos, sin = np.cos(angle), np.sin(angle)
+    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    shift = mean_b - scale * np.exp(1j * angle) * mean_a
+    return Similarity(scale, rotation, np.array([shift.real, shift.imag, 0.0]))
+
+
+def _centres(cam_from_world: Float64Array) -> Float64Array:
+    rotation, translation = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
+    return np.asarray(-np.einsum("nji,nj->ni", rotation, translation))

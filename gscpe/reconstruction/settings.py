@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How photos are put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gscpe.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class ReconstructionSettings:
+    """What is matched with what, and how large.
+
+    Attributes:
+        max_size: longer side of the photos, pixels; larger ones are shrunk.
+        frames: that are taken of all videos together.
+        all_pairs_up_to: so many photos are all matched with each other.
+        most_similar: of more, each with the photos that look most like it, ...
+        in_order: ... and with so many that come after it, by name or in the video.
+        max_features: of a photo.
+        min_sharpness: see :func:`gscpe.reconstruction.sharpness`; where no photo reaches it, all
+            are blurred.
+        seed: of what is sampled.
+
+    Raises:
+        SettingsError: a value is out of its range.
+    """
+
+    max_size: int = 1000
+    frames: int = 200
+    all_pairs_up_to: int = 50
+    most_similar: int = 20
+    in_order: int = 5
+    max_features: int = 8192
+    min_sharpness: float = 0.08
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.max_size < 64:
+            raise SettingsError(f"photos need at least 64 pixels, not max_size {self.max_size}")
+        if self.frames < 3:
+            raise SettingsError(f"at least 3 frames are needed, not {self.frames}")
+        if min(self.all_pairs_up_to, self.most_similar, self.in_order) < 0 or (
+            self.most_similar + self.in_order < 1
+        ):
+            raise SettingsError("each photo must be matched with at least one other")
+        if self.max_features < 100:
+            raise SettingsError(f"at least 100 features are needed, not {self.max_features}")
+        if self.seed < 0:
+            raise SettingsError(f"seed must be 0 or more, not {self.seed}")

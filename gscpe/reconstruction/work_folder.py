@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A folder for what is not finished yet, so that a run can go on where it was interrupted."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any, Mapping
+
+from gscpe.errors import OutputError
+from gscpe.reconstruction.disk import when_full
+
+_MARK = "run.json"
+
+
+def open_work_folder(folder: Path, stamp: Mapping[str, Any], resume: bool, finished: str) -> None:
+    """Makes the folder, or goes on in it.
+
+    Args:
+        folder: of this run alone.
+        stamp: what the run is made of, JSON; another one's results cannot be gone on with.
+        resume: go on with what is there; where nothing is, begin.
+        finished: a file in it that a run writes last. What is finished is begun anew, unless
+            ``resume``.
+
+    Raises:
+        OutputError: another run, or something else, is in the folder, or it cannot be written.
+    """
+    mark = folder / _MARK
+    wanted = json.loads(json.dumps(stamp))
+    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not mark.exists())):
+        raise OutputError(f"{folder} exists and is not of gscpe; choose another output")
+    if mark.exists() and resume:
+        try:
+            there = json.loads(mark.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            there = None
+        if there == wanted:
+            return
+        raise OutputError(
+            f"{folder} is of a run with {_what_differs(there, wanted)}: give the same as then, or "
+            "begin anew without --resume"
+            + ("" if (folder / finished).exists() else f", after deleting {folder}")
+        )
+    if mark.exists():
+        if not (folder / finished).exists():
+            raise OutputError(
+                f"{folder} is of a run that was interrupted: go on with --resume, or delete it"
+            )
+        shutil.rmtree(folder)
+    with when_full(mark):
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text(json.dumps(wanted), encoding="utf-8")
+
+
+def _what_differs(there: Any, wanted: Mapping[str, Any]) -> str:
+    if not isinstance(there, dict):
+        return "other settings"
+    names = [name for name in wanted if there.get(name) != wanted[name]]
+    return f"other {' and '.join(names)}" if names else "other settings"
