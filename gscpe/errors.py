@@ -62,7 +62,7 @@ class SettingsError(InputError):
 
 
 class TrainingError(InputError):
-    """Photos, poses or a checkpoint cannot be trained from."""
+    """Photos, poses or a checkpoint cannot be used for training."""
 
 
 class ReconstructionError(InputError):

@@ -21,11 +21,11 @@ class BenchmarkSettings:
         backend: see :class:`gscpe.render.Renderer`.
         retrieval: how references are described; see :class:`gscpe.mapping.MapSettings`.
         check_frames: refuse a splat that does not look like the references from their poses.
-        workers: processes; None: what is faster here.
+        workers: number of processes; None: chosen for this machine.
         scheduler: address of a Dask scheduler, instead of processes.
         timeout: seconds for a photo; see :class:`gscpe.batch.Instructions`.
-        resume: keep the map and what is localized already, where they still hold.
-        limit: localize so many of the queries, evenly spread; None: all.
+        resume: keep the map and the poses that are still valid.
+        limit: localize this many of the queries, evenly spread; None: all.
         report: of the HTML page; None: write none.
     """
 

@@ -24,7 +24,7 @@ _ROUGH = 1e-3
 
 @dataclass(frozen=True)
 class FocalSettings:
-    """How a focal length is looked for.
+    """How a focal length is estimated.
 
     Attributes:
         widest, narrowest: bounds, as multiples of the guess.
@@ -33,8 +33,8 @@ class FocalSettings:
         ordinary: focal length of an ordinary lens, in widths of the longer side: the guess where
             there is no other.
         min_inliers: matches that must agree with the best.
-        max_relative_sigma: largest standard deviation over focal length that is an answer: a
-            flat wall looks alike from far with a long lens, and from near with a short one.
+        max_relative_sigma: largest relative standard deviation of an accepted focal length: a flat
+            wall looks the same from far away with a long lens as from nearby with a short one.
     """
 
     widest: float = 0.5
@@ -48,7 +48,7 @@ class FocalSettings:
 
 @dataclass(frozen=True, eq=False)
 class FocalEstimate:
-    """A pose, and the focal length that goes with it.
+    """A pose and a focal length, estimated together.
 
     Attributes:
         camera: with the guess's principal point and ratio of focal lengths.

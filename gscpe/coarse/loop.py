@@ -51,7 +51,7 @@ class CoarseSettings:
 
 @dataclass(frozen=True, eq=False)
 class CoarseResult:
-    """How far the coarse loop came.
+    """The result of the coarse loop.
 
     Attributes:
         cam_from_world: (4, 4) pose of the best round; None when no round found one.
@@ -62,8 +62,8 @@ class CoarseResult:
         rounds: renders made.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``; None where there is no pose.
         converged: whether the last round moved the pose less than the tolerances.
-        focal: pose and focal length that the matches ask for where the camera's own is not taken
-            for granted; None where there is no pose, or few matches agree.
+        focal: pose and focal length that fit the matches best if the camera's focal length is left
+            free; None if there is no pose, or few matches agree.
     """
 
     cam_from_world: Float64Array | None
@@ -81,8 +81,8 @@ class CoarseResult:
 
 
 class CoarseObserver:
-    """Is told what :func:`estimate_coarse_pose` does, as it does it. Override what you need; what
-    is passed must not be changed."""
+    """Its methods are called at each step of :func:`estimate_coarse_pose`. Override the methods
+    that you need; do not change their arguments."""
 
     def round_done(
         self, view: RenderedView, matches: Matches, estimate: AbsolutePose | None

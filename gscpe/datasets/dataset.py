@@ -30,8 +30,8 @@ class Dataset:
             first is the one that the references' poses are of.
         metres_per_unit: of the poses; None where it is not known.
         query_folder: that the queries' names are relative to; None: the image folder.
-        split: how references and queries were told apart, for people; OFFICIAL where it is
-            that of the data set, and complete, so that published numbers may be compared.
+        split: how references and queries were separated, as text; OFFICIAL where it is that of the
+            data set, and complete, so that published numbers may be compared.
 
     Raises:
         DatasetError: there are no references, no queries or no ground truth, or a query is a

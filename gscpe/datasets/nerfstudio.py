@@ -53,9 +53,9 @@ def read_transforms(
     """The photos of a transforms.json, or of the folder that holds it.
 
     Poses are 4x4 (or 3x4) camera to world with OpenGL axes. Photos without a usable one (NaN) are
-    left out, with one logged warning. They are taken as they are: nerfstudio has
-    turned (and may have moved) the world and says how in ``applied_transform``; the splat must
-    be in the same frame, which its exporter decides.
+    left out, with one logged warning. They are not changed: nerfstudio has turned (and may have
+    moved) the world and says how in ``applied_transform``; the splat must be in the same frame,
+    which its exporter decides.
 
     Queries are ``test_filenames`` where the file has such a list, and references then
     ``train_filenames`` (or all others); else, or where ``every`` is given, every n-th photo is a
@@ -63,8 +63,8 @@ def read_transforms(
     (Blender scenes) is split by these.
 
     Intrinsics ``fl_x, fl_y, cx, cy, w, h, k1, k2, k3, p1, p2`` are of the file or of a frame;
-    ``camera_angle_x`` stands in for ``fl_x``, each photo's own size for ``w, h``, and the image
-    centre for ``cx, cy``. Pixels are COLMAP's.
+    ``camera_angle_x`` can replace ``fl_x``, each photo's own size ``w, h``, and the image centre
+    ``cx, cy``. Pixels are COLMAP's.
 
     Args:
         every: see above.

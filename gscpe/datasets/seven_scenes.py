@@ -43,7 +43,7 @@ def read_seven_scenes(
 ) -> Dataset:
     """A scene of 7-Scenes: ``ROOT/SCENE/TrainSplit.txt``, ``seq-01/frame-000000.color.png``, ...
 
-    The photos on disk count: a subset of frames or sequences, and .jpg copies, will do. Names
+    Only photos on disk are used: a subset of frames or sequences, or .jpg copies, is enough. Names
     are as on disk, ``seq-01/frame-000000.color.png``.
 
     Args:

@@ -21,7 +21,7 @@ class SceneRun:
     Attributes:
         dataset: its name, for example "7-Scenes".
         scene: for example "redkitchen".
-        details: a query each, in the order of the list; see docs/formats.md, "Details".
+        details: one per query, in the order of the list; see docs/formats.md, "Details".
         truths: name of a ground truth -> photo name -> ``cam_from_world``, (4, 4); the first is
             the one that the map's references are of.
         metres_per_unit: of all poses; None where it is not known.

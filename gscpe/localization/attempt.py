@@ -19,15 +19,15 @@ from gscpe.scene import Photo
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What came of one start.
+    """The result of one start.
 
     Attributes:
-        start: where it began.
+        start: where it started.
         coarse: result of the coarse stage, trusted or not; None for tracking.
         aligned: result of the refinement; None when the coarse pose was not trusted.
         doubt: why the pose cannot be trusted; None when it can.
-        orientation: how the photo was turned before, EXIF's number; 1: not. Poses and pixels are
-            those of the photo as it is.
+        orientation: how the photo was turned before matching, as an EXIF orientation; 1: not
+            turned. Poses and pixels are those of the photo that was given.
     """
 
     start: Start

@@ -19,7 +19,7 @@ from gscpe.geometry import se3
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """How the two are weighed.
+    """How the coarse and the aligned pose are weighted.
 
     Attributes:
         matches_variance_factor: both see one photo and one map, so that part of their errors is

@@ -38,9 +38,10 @@ _log = logging.getLogger(__name__)
 
 
 class Localizer(Closing):
-    """Localizes photos in one map. Holds the map on the graphics driver or in memory: keep it,
-    and close it (or use it as a context manager). Threads may share it: one call at a time is
-    worked on, the others wait; for more at a time, take processes (gscpe.batch).
+    """Localizes photos in one map. Holds the map on the graphics driver or in memory: create it
+    once for many photos, and close it (or use it as a context manager). Threads may share it: it
+    handles one call at a time, and the others wait; to work in parallel, use processes
+    (gscpe.batch).
 
     Args:
         map_: to localize in, or the path of its folder.
@@ -50,7 +51,7 @@ class Localizer(Closing):
         backend, progress: as :class:`gscpe.Renderer`.
 
     Raises:
-        MapError: what is given is no map, nor the folder of one.
+        MapError: the argument is neither a map nor the folder of one.
         RenderError: there is nothing to render with.
         SettingsError, ModelError, MissingDependencyError: of :func:`make_matcher`.
         MapError, ModelError, MissingDependencyError: queries cannot be described as the map's
@@ -113,18 +114,18 @@ class Localizer(Closing):
             image: (H, W, 3) uint8 RGB, as :func:`gscpe.read_image` has it, and not BGR as OpenCV
                 has it; or (H, W, 4), where pixels that are transparent are left out.
             camera: its intrinsics; lens distortion is removed first.
-            prior: where the camera probably is; or the result of the frame before, which
-                counts only if it was localized. A sure prior skips retrieval and the coarse
-                stage, an unsure one skips retrieval, and a position alone has the references
-                near it tried first. Where that fails, all is done as without.
-            references: names of reference photos to begin with, most similar first, in place of
-                the map's own retrieval.
-            observer: is told what is done, as it is done.
+            prior: approximate pose of the camera; or the result of the previous frame, which is
+                ignored if that was not localized. A precise prior skips retrieval and the coarse
+                stage, an imprecise one skips retrieval, and with a position alone, references near
+                it are tried first. If this fails, the photo is localized as without a prior.
+            references: names of reference photos to start from, most similar first, instead of
+                retrieval.
+            observer: its methods are called at each step.
 
         Raises:
             PhotoError: shape or dtype of the image is wrong.
-            CameraError: the camera is of another image size, or is no Camera.
-            PoseError: the prior is something else.
+            CameraError: the camera has another image size, or is not a Camera.
+            PoseError: the prior has another type.
             MapError: the map has no references, and there is no prior pose; or ``references``
                 names one that it does not have.
             RenderError: rendering failed.
@@ -196,7 +197,7 @@ class Localizer(Closing):
                 principal point in the middle.
 
         Raises:
-            CameraError: the photo does not tell; the message says why.
+            CameraError: the focal length cannot be estimated; the message says why.
             PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
         with self._while_open():
@@ -262,7 +263,7 @@ class Localizer(Closing):
         return self._renderer.description
 
     def at_the_maps_resolution(self, photo: Photo) -> Photo:
-        """The photo as it is localized: with as many pixels a radian as the references have.
+        """The photo as it is localized: with as many pixels per radian as the references have.
 
         A splat looks right at the resolution of the photos that it was made of: nearer by, its
         Gaussians come apart; from afar, they cover each other.
@@ -277,8 +278,8 @@ class Localizer(Closing):
         return resized_photo(photo, scale)
 
     def close(self) -> None:
-        """Releases the renderer's memory, once a call that is being worked on is finished; the
-        localizer cannot be used after."""
+        """Releases the renderer's memory, after the current call is finished; the localizer cannot
+        be used afterwards."""
         with self._lock:
             self._closed = True
             self._renderer.close()

@@ -9,9 +9,9 @@ from gscpe.refinement import RefinementObserver
 
 
 class Observer(CoarseObserver, RefinementObserver):
-    """Is told what :meth:`gscpe.Localizer.localize` does, as it does it: the rounds of the
+    """Its methods are called at each step of :meth:`gscpe.Localizer.localize`: the rounds of the
     coarse stage, the anchors and iterations of the refinement, and what came of each start.
-    Override what you need; what is passed must not be changed."""
+    Override the methods that you need; do not change their arguments."""
 
     def attempted(self, attempt: Attempt) -> None:
-        """What came of one start."""
+        """The result of one start."""

@@ -36,11 +36,12 @@ class LocalizationResult:
         reason: why not; None when localized.
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
-            map's world units and radians; None when not localized. Other than the stages' own, it
-            knows how sure the camera's focal length is, and whether the matches contradict it.
+            map's world units and radians; None when not localized. Unlike the covariances of the
+            stages, it includes the uncertainty of the camera's focal length, and how far the
+            matches contradict it.
         camera: that was given, or estimated (``focal_sigma`` is not 0 then).
-        best: the attempt that the answer is of; None when there was nowhere to start.
-        attempts: all that was tried, in this order.
+        best: the attempt that the result comes from; None when there was nothing to start from.
+        attempts: all attempts, in order.
         seconds: wall time by stage: features, retrieval, coarse, refinement, total.
     """
 
@@ -62,7 +63,7 @@ class LocalizationResult:
         settings: LocalizerSettings,
         seconds: dict[str, float],
     ) -> LocalizationResult:
-        """The best of the attempts, as an answer.
+        """The result with the best of the attempts.
 
         Args:
             attempts: with respect to the map.

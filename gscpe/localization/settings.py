@@ -20,21 +20,21 @@ class LocalizerSettings:
     surfaces that are 2 m away.
 
     Attributes:
-        hypotheses: places that are tried, best first, until one is not doubted.
-        retrieved: references that are retrieved at first to find so many different places; where
-            they show fewer, the ranking goes on.
+        hypotheses: number of places that are tried, best first, until a pose is trusted.
+        retrieved: references that are retrieved at first to find that many different places; if
+            they show fewer, more are retrieved.
         same_place: metres between cameras that show one place, where they look the same way, ...
         same_place_degrees: ... within this angle.
-        orientations: turns, EXIF's numbers, in which a photo is tried that is not recognized as it
-            is; not with SIFT, which does not mind.
+        orientations: turns (EXIF orientations) that are tried if a photo is not recognized; not
+            with SIFT, which recognizes turned photos.
         turned_hypotheses: places that are tried in each.
         prior_sigmas: deviations of an unsure prior within which references are tried first.
-        prior_degrees: a prior whose rotation is less sure than this is a position alone: a render
-            from there would show something else than the photo.
+        prior_degrees: of a prior whose rotation is less certain than this, only the position is
+            used: a render from there would show something else than the photo.
         same_resolution: photos whose focal length in pixels is that of the references within this
             factor are not resampled.
-        most_enlarged: a photo with fewer pixels is enlarged at most this much: there is nothing
-            more in it.
+        most_enlarged: a photo with fewer pixels is enlarged at most this much, because it contains
+            no more detail.
         motion_sigma: where the result of the frame before is the prior: metres, standard deviation
             of the camera's motion since then, ...
         motion_sigma_degrees: ... and of its rotation.

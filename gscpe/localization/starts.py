@@ -41,13 +41,13 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class PosePrior:
-    """A pose and how far off it may be. It says where to begin, and never outweighs the photo.
+    """An approximate pose and its standard deviations. It only sets where the search starts.
 
     Attributes:
         cam_from_world: (4, 4) rigid transform; it is copied, and the copy cannot be changed.
         translation_sigma: standard deviation of the camera's centre along each axis, map units.
-        rotation_sigma_degrees: standard deviation of its rotation; 180 where nothing is known
-            of it, see :meth:`at`.
+        rotation_sigma_degrees: standard deviation of its rotation; 180 if the rotation is unknown,
+            see :meth:`at`.
 
     Raises:
         PoseError: the pose is not a rigid transform, or a deviation is not one positive number.

@@ -25,19 +25,20 @@ class VerificationSettings:
         min_inliers: matches that agree with the coarse pose.
         min_inlier_share: ... as a share of all matches.
         min_spread: share of a 4x4 grid over the photo that holds an inlier.
-        min_agreement: local correlation of photo and render.
-        min_tracking_agreement: the same where no matches were made, only an alignment.
+        min_agreement: local correlation of photo and render, at half size.
+        min_tracking_agreement: the same for a pose from an alignment alone, without matches.
         sure_agreement: below it, further starts are tried too, and the best is kept.
         min_overlap: share of the photo that shows the map.
         max_shift: metres that refinement may move the coarse pose, and ... (lengths are for
             scenes 2 m away; they grow with the depth where it is more, or its unit unknown)
         max_shift_degrees: ... turn it; more means that the two contradict each other.
         max_sigma: metres of the pose's standard deviation in its worst direction, and ...
-        max_sigma_degrees: ... the same for the rotation; more: the photo does not tell. Where
-            only the alignment does not, the mean with the matches must be twice as sure.
-        max_focal_error: the matches may ask for focal lengths that differ from the camera's by so
-            much of them, beyond chance; more: its intrinsics are wrong. Less goes into the
-            covariance.
+        max_sigma_degrees: ... the same for the rotation; more: the photo does not determine the
+            pose. If only the alignment does not, the deviations of the mean with the matches must
+            be at most half of this.
+        max_focal_error: largest relative difference, beyond chance, between the camera's focal
+            length and the one that fits the matches; more: the intrinsics are wrong. A smaller
+            difference goes into the covariance.
         prior_sigmas: deviations of a prior by which an alignment without matches may leave it.
     """
 

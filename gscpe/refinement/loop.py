@@ -44,7 +44,7 @@ class RefinementSettings:
         levels: S, times the image is halved (fewer where it would become tiny).
         smallest_side: pixels of the shorter side below which an image is not halved.
         lenient_level: halvings from which half of the pixels that a pixel is made of must be
-            valid, not all: else little were left of a cluttered scene.
+            valid, not all: otherwise little would be left of a cluttered scene.
         agreement_level: halvings at which photo and render are compared in the end, always the
             same: small images look alike more easily.
         turned_degrees: where images are halved ``turned_level`` times or more, the smallest is
@@ -103,20 +103,22 @@ class RefinementResult:
         cam_from_world: (4, 4); None when the alignment failed.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
             map units and radians.
-        by_log_focal: (6,) how xi, the same, follows the logarithm of the photo's focal lengths.
+        by_log_focal: (6,) derivative of the same xi with respect to the logarithm of the photo's
+            focal lengths.
         gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
         residual: robust standard deviation of the photometric residual, luminance.
-        agreement: mean local correlation of photo and render, in [-1, 1].
+        agreement: mean local correlation of photo and render, in [-1, 1]; see
+            ``RefinementSettings.agreement_level``.
         overlap: share of the image where both show the map, in [0, 1].
-        pixels: that took part at full size.
+        pixels: number of pixels used at full size.
         anchors: renders that served as templates.
         tolerance_unit: tolerances, which are made for rooms, are divided by it: 1 where the median
             depth is between half a metre and 2 m; see :meth:`gscpe.RenderedView.tolerance_unit`.
         converged: whether the last level converged.
         reason: why it failed, or None.
-        unshared: (6, 6), the part of the covariance that is there because photo and render do
-            not show the same gradients (see :class:`gscpe.refinement.PoseUncertainty`): matches
-            between the two know no better. None where the alignment failed.
+        unshared: (6, 6), the part of the covariance due to directions in which photo and render
+            share hardly any gradients (see :class:`gscpe.refinement.PoseUncertainty`); it holds for
+            matches between the two as well. None if the alignment failed.
     """
 
     cam_from_world: Float64Array | None

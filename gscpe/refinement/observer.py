@@ -9,8 +9,8 @@ from gscpe.render import RenderedView
 
 
 class RefinementObserver:
-    """Is told what :func:`gscpe.refinement.refine_pose` does, as it does it. Override what you
-    need; what is passed must not be changed."""
+    """Its methods are called at each step of :func:`gscpe.refinement.refine_pose`. Override the
+    methods that you need; do not change their arguments."""
 
     def anchor_rendered(self, view: RenderedView) -> None:
         """A render that will serve as the template."""
@@ -22,4 +22,4 @@ class RefinementObserver:
         """A step of the solver, at any pyramid level, came to this pose, (4, 4)."""
 
     def anchor_aligned(self, alignment: Alignment) -> None:
-        """What came of the last anchor."""
+        """The result of the last anchor."""

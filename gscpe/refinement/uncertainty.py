@@ -77,11 +77,11 @@ class UncertaintySettings:
         shrinkage: there are few blocks beside the 36 numbers that they determine, so this
             share of them is replaced by their mean, the shape being that of H.
         factor: the covariance is multiplied by it (calibrated, docs/benchmarks.md).
-        enough_shared: share of the gradients' information that both images have in common, from
-            which on a direction counts as seen by other means than the alignment too; less than
-            half of it: not at all.
-        least_pixels: what moves the picture by less cannot be told by any renderer and any
-            interpolation; root mean square.
+        enough_shared: share of a direction's gradient information that both images must have in
+            common, so that matches can determine this direction too; below half of it they cannot
+            at all.
+        least_pixels: motions that move the picture by less (root mean square) are below the errors
+            of rendering and interpolation.
     """
 
     blocks: int = 10

@@ -21,7 +21,7 @@ from gscpe.scene.gaussians import GaussianScene
 class Renderer(Closing):
     """Holds one splat, on the graphics driver or in memory, and renders it from any pose.
 
-    Close it, or use it as a context manager, to give the memory back. Threads may share it: one
+    Close it, or use it as a context manager, to release the memory. Threads may share it: one
     picture is rendered at a time, by all cores or the GPU, and the other threads wait.
 
     Args:
@@ -82,8 +82,8 @@ class Renderer(Closing):
         return replace(view, cam_from_world=cam_from_world.copy())
 
     def close(self) -> None:
-        """Gives the memory back, once a picture that is being rendered is finished; the renderer
-        cannot be used after."""
+        """Releases the memory, after the current picture is finished; the renderer cannot be used
+        afterwards."""
         with self._lock:
             if self._rasterizer is not None:
                 self._rasterizer.close()

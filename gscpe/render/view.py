@@ -55,8 +55,8 @@ class RenderedView:
 
 
 class Renders(Protocol):
-    """What shows a map from any pose: a :class:`gscpe.Renderer`, a :class:`gscpe.Localizer`, or
-    something that stands between."""
+    """Anything that renders a map from any pose: a :class:`gscpe.Renderer`, a
+    :class:`gscpe.Localizer`, or a wrapper around one."""
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         """The map as a pinhole camera with this (4, 4) pose sees it."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One page a run, for people: tables, curves, a map seen from above, and pictures of queries."""
+"""One HTML page per run: tables, curves, a map seen from above, and pictures of queries."""
 
 from gscpe.report.page import write_report
 from gscpe.report.settings import ReportSettings

@@ -20,11 +20,11 @@ class ReportSettings:
         slowest: ... so many that took longest; the rest is spread evenly over the others.
         picture_width: pixels; pictures are never enlarged.
         quality: of the pictures, 1 to 100 (WebP); lowered where the page would become too large.
-        max_bytes: size of the page that is aimed at; tables alone may exceed it.
-        matches: that are drawn a picture, at most.
+        max_bytes: intended size of the page; tables alone may exceed it.
+        matches: drawn per picture, at most.
         boost: of the difference between photo and render.
         marks: cameras of a kind that are drawn in the view from above, at most.
-        date: that the page carries, as it shall be read; empty for none.
+        date: shown on the page, as text; empty for none.
     """
 
     queries: int = 16

@@ -39,10 +39,10 @@ class IndexSettings:
     """How references are searched.
 
     Attributes:
-        exact_up_to: as many references are all compared.
-        exact_queries: the index is built after as many searches; 0: at once.
+        exact_up_to: up to this many references, the query is compared with all of them.
+        exact_queries: the index is built after this many searches; 0: at once.
         lists: into how many lists the index sorts the others; None: by their number.
-        probes: lists that are looked into; with all of them, the search is exact.
+        probes: number of lists that are searched; with all of them, the search is exact.
     """
 
     exact_up_to: int = 100_000

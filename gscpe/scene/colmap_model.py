@@ -20,7 +20,7 @@ def read_colmap_references(model_folder: str | Path, image_folder: str | Path) -
 
     Text and binary models are read, with and without points, rigs and frames. Where all photos
     are larger or smaller than the model says by one factor (images_2, images_4), the cameras
-    are scaled, with one logged warning. Cameras of no registered photo do not count.
+    are scaled, with one logged warning. Cameras without a registered photo are ignored.
 
     Raises:
         ColmapModelError: the folder is not a COLMAP model, photos are missing, or have other

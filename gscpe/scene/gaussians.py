@@ -41,8 +41,8 @@ class GaussianScene:
         antialiased: whether the splat was trained with the opacity compensation of
             Mip-Splatting (2024), so that rendering must apply it too.
         near: Gaussians whose centres are nearer to the camera than this are not drawn.
-        origin: (3,) float64, what the means are relative to in the world; not 0 where the
-            scene is so far away (UTM) that float32 would not do.
+        origin: (3,) float64, the point of the world that the means are relative to; not 0 if the
+            scene is so far from zero (UTM) that float32 is not precise enough.
 
     Raises:
         SplatError: a shape or a value is out of these bounds.

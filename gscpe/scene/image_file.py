@@ -25,7 +25,7 @@ def read_image(path: str | Path, upright: bool = False) -> UInt8Array:
 
     Values of 10, 12 or 14 bits in 16 are stretched to the full range; floats are taken to be in
     [0, 1], or in [0, 255] where they reach beyond, and NaN as transparent. HEIC is read through
-    pillow-heif, as it is to be shown.
+    pillow-heif, as it is displayed.
 
     Args:
         path: of the file.

@@ -23,8 +23,8 @@ class Map:
     Attributes:
         scene: the splat.
         references: ``cam_from_world`` of the photos, where the world is the map's own frame;
-            :attr:`world_references` has them in the frame of whoever built the map.
-        descriptors: one a reference photo.
+            :attr:`world_references` has them in the frame that the map was built in.
+        descriptors: one for each reference photo.
         frame: where the map's frame lies in the world.
     """
 
@@ -69,7 +69,7 @@ class Map:
 
     @property
     def world_references(self) -> References:
-        """The references in the frame of whoever built the map."""
+        """The references in the frame that the map was built in, the world."""
         poses = self.frame.cam_from_world(self.references.cam_from_world)
         return replace(self.references, cam_from_world=poses)
 

@@ -36,7 +36,7 @@ CERTIFICATE, CERTIFICATE_PAGE = "certificate.json", "certificate.html"
 def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
     """Writes a map folder; an existing gscpe map there is replaced once the new one is whole.
 
-    Where the folder is a symbolic link, what it leads to is written or replaced.
+    If the folder is a symbolic link, its target is written or replaced.
 
     Args:
         compress: store the Gaussians as ``.spz`` and the descriptors in half precision: less
@@ -46,7 +46,7 @@ def save_map(map_: Map, folder: str | Path, *, compress: bool = False) -> None:
         OutputError: the folder cannot be written, something else is there, or the scene does
             not fit into the compressed format.
         MissingDependencyError: compressing needs gaussforge, and it is not installed.
-        MapError: what is given is no Map.
+        MapError: the argument is not a Map.
     """
     if not isinstance(map_, Map):
         raise MapError(f"save_map saves a Map, not {_kind(map_)}; build_map makes one of a splat")

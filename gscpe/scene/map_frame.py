@@ -38,7 +38,7 @@ class MapFrame:
 
     Attributes:
         origin: (3,) float64, of the map in the world, world units.
-        scale: map units a world unit, > 0.
+        scale: map units per world unit, > 0.
         metres_per_unit: length of a world unit in metres; None where it is not known.
 
     Raises:

@@ -22,7 +22,7 @@ class Photo:
 
     Attributes:
         rgb: (H, W, 3) uint8.
-        camera: pinhole camera of this very size.
+        camera: pinhole camera of the same size.
         valid: (H, W) bool, false where the photo is transparent, or undistortion had nothing to
             show; None if all is valid.
     """
@@ -70,7 +70,7 @@ def to_photo(image: UInt8Array, camera: Camera) -> Photo:
 
     Args:
         image: (H, W, 3) uint8 RGB, or (H, W) uint8 grey, or (H, W, 4) with an opacity: pixels that
-            are more than half transparent count as not seen. OpenCV reads BGR: turn it round,
+            are more than half transparent are ignored. OpenCV reads BGR: convert it,
             ``image[:, :, ::-1]``.
         camera: the camera that took it.
 

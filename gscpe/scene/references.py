@@ -49,7 +49,7 @@ class DescriberModel:
     Attributes:
         file: its name, without folder.
         sha256: of the file, and of its separate weights where it has some.
-        input: how a photo is put into it, as JSON.
+        input: how a photo becomes its input, as JSON.
     """
 
     file: str
@@ -59,7 +59,8 @@ class DescriberModel:
 
 @dataclass(frozen=True, eq=False)
 class GlobalDescriptors:
-    """One descriptor a reference photo, and what is needed to describe a query alike.
+    """One descriptor for each reference photo, and what is needed to describe a query in the same
+    way.
 
     Attributes:
         vocabulary: (K, C) float32, the visual words; (0, 0) for methods without.

@@ -37,7 +37,7 @@ _INDEX_FILES = ("lod-meta.json", "meta.json")  # of splats that are folders
 
 
 def read_splat(path: str | Path) -> GaussianScene:
-    """The Gaussians of a splat file; the first bytes tell what it is, whatever its ending.
+    """The Gaussians of a splat file; the format is detected from the first bytes, not the ending.
 
     A ``.ply`` holds log scales, logit opacities and ``f_rest`` colour by colour, binary or text;
     harmonics beyond degree 3 are left out. PlayCanvas's compressed ``.ply``, ``.splat``,

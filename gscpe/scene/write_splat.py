@@ -23,10 +23,10 @@ def write_splat(scene: GaussianScene, path: str | Path) -> None:
 
     ``.ply``: the standard 3D Gaussian Splatting layout, binary, exact to float32 rounding;
     the coordinates in double precision where the scene has an origin far away.
-    ``.spz``: about a tenth of the size, through gaussforge; what rounding costs stands at
-    :func:`gscpe.scene.spz.encode_spz`. A few Gaussians so far away or so huge that the others
-    would be rounded coarsely with them are left out, with a warning. Coordinates and axes stay
-    as they are, and the antialiased tag is written in both.
+    ``.spz``: about a tenth of the size, through gaussforge; for the cost of rounding see
+    :func:`gscpe.scene.spz.encode_spz`. A few Gaussians so far away or so huge that the others would
+    be rounded coarsely with them are left out, with a warning. Coordinates and axes stay as they
+    are, and the antialiased tag is written in both.
 
     Raises:
         OutputError: the ending is another one, the file cannot be written, or the scene

@@ -28,9 +28,8 @@ class PoseFile:
     Attributes:
         format: that it was read as.
         poses: ``cam_from_world``, (4, 4) float64, by photo; by timestamp for ``tum``.
-        cameras: by photo, as far as the file tells: our details do, for photos without a pose
-            too; other files do not.
-        not_finite: photos whose pose is NaN or infinite, where these were to be kept apart.
+        cameras: by photo; only gscpe's details contain them, also for photos without a pose.
+        not_finite: photos whose pose is NaN or infinite, with ``keep_not_finite``.
     """
 
     format: PoseFormat
@@ -49,7 +48,7 @@ def read_pose_file(
 
     Args:
         path: of the file.
-        format: its form; None: what its first line looks like.
+        format: its form; None: detected from its first line.
         keep_not_finite: NaN and infinite poses of ``hloc`` and ``pgt`` files are named in the
             result, as photos without a pose, instead of being an error.
 
