@@ -7,7 +7,7 @@ import logging
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from gscpe.scene.map_folder import CERTIFICATE, CERTIFICATE_PAGE, check_map_outp
 from gscpe.scene.photo import resized_photo
 from gscpe.scene.poses import write_colmap_folder
 from gscpe.scene.write_splat import write_splat
+
+if TYPE_CHECKING:  # importing it needs Numba
+    from gscpe.training import TrainingSettings
 
 _log = logging.getLogger(__name__)
 
@@ -122,9 +125,8 @@ def make_map(
         OutputError: something cannot be written; another run is in the way.
         SettingsError, ModelError, MissingDependencyError: of the retrieval method, pycolmap, Numba.
     """
-    import gscpe.training  # noqa: F401  # before any work: it needs Numba
-
     settings, scale = settings or MakeMapSettings(), scale or ScaleSource()
+    training = _training_settings(settings)  # before any work: it needs Numba
     if isinstance(source, KnownPoses) and scale.kind != "unknown":
         raise SettingsError("known poses have a scale: give metres_per_unit, and no other scale")
     check_method(settings.retrieval)
@@ -156,7 +158,8 @@ def make_map(
     learned, left_out = split(references, settings.test_every)
     splat = work / _SPLAT
     if not (splat.exists() and resume):
-        _train(learned, model, images, splat, settings, masks, progress)
+        max_size = settings.reconstruction.max_size
+        _train(learned, model, images, splat, training, max_size, masks, progress)
     scene = read_splat(splat)
     map_ = build_map(scene, learned, images, MapSettings(settings.retrieval, unit), progress)
     save_map(map_, output)
@@ -202,12 +205,24 @@ def _some(references: References, indices: Any) -> References:
     )
 
 
+def _training_settings(settings: MakeMapSettings) -> TrainingSettings:
+    from gscpe.training import TrainingSettings
+
+    return TrainingSettings(
+        iterations=settings.iterations or TrainingSettings.iterations,
+        minutes=None if settings.iterations else settings.minutes,
+        max_gaussians=settings.max_gaussians,
+        seed=settings.seed,
+    )
+
+
 def _train(
     learned: References,
     model: Path,
     images: Path,
     splat: Path,
-    settings: MakeMapSettings,
+    settings: TrainingSettings,
+    max_size: int,
     masks: str | Path | None,
     progress: bool,
 ) -> None:
@@ -216,25 +231,17 @@ def _train(
 
     from gscpe.training import (
         ProgressBar,
-        TrainingSettings,
         checkpoint_of,
         read_colmap_points,
         train,
         triangulated_points,
     )
 
-    training = TrainingSettings(
-        iterations=settings.iterations or TrainingSettings.iterations,
-        minutes=None if settings.iterations else settings.minutes,
-        max_gaussians=settings.max_gaussians,
-        seed=settings.seed,
-    )
     points = read_colmap_points(model)
     if points is None:
         _log.warning("%s has hardly any points: triangulating some", model)
         points = triangulated_points(model, images)
     checkpoint = checkpoint_of(splat)
-    max_size = settings.reconstruction.max_size
     folder = None if masks is None else Path(masks)
     photos = [_photo(learned, i, images, max_size, folder) for i in range(len(learned))]
     with closing(ProgressBar()) if progress else nullcontext() as bar:
@@ -242,7 +249,7 @@ def _train(
             photos,
             learned.cam_from_world,
             points,
-            training,
+            settings,
             bar,
             checkpoint,
             resume=checkpoint.exists(),
