@@ -125,8 +125,8 @@ def test_maps(rng: np.random.Generator, tmp_path: Path) -> None:
     gscpe.write_splat(scene, splat)
     cases: list[tuple[Any, str]] = [
         (scene, "gscpe.build_map"),
-        (None, "not by None"),
-        (3, "not by a int"),
+        (None, "this is None"),
+        (3, "this is a int"),
         (splat, "it is a file"),
         (str(splat), "it is a file"),
         (tmp_path / "nothing", "build-map"),
