@@ -154,7 +154,7 @@ def test_a_splat_beyond_the_drivers_memory(
     scene: GaussianScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(moderngl.Context, "error", property(lambda _: "GL_OUT_OF_MEMORY"))
-    with pytest.raises(RenderError, match=r"OUT_OF_MEMORY when allocating.*smaller splat"):
+    with pytest.raises(RenderError, match=r"OUT_OF_MEMORY while allocating.*smaller splat"):
         Renderer(scene, "gl")
 
 
@@ -177,5 +177,5 @@ def test_a_framebuffer_that_the_driver_refuses(
 
 def test_a_lost_context_names_the_driver() -> None:
     lost: Any = SimpleNamespace(error="GL_CONTEXT_LOST", info={"GL_RENDERER": "Some GPU"})
-    with pytest.raises(RenderError, match=r"GL_CONTEXT_LOST when rendering \(Some GPU\)"):
+    with pytest.raises(RenderError, match=r"GL_CONTEXT_LOST while rendering \(Some GPU\)"):
         check_errors(lost, "rendering")
