@@ -57,7 +57,7 @@ def add_parser(commands: Commands) -> None:
         nargs=2,
         type=float,
         metavar=("LENGTH", "DEGREES"),
-        help="standard deviations of the prior, or of all priors, in map units and degrees; with "
+        help="standard deviations of the prior, or of all priors, in world units and degrees; with "
         "180 degrees, only the position is used "
         f"(default: {PosePrior.translation_sigma} {PosePrior.rotation_sigma_degrees})",
     )

@@ -29,7 +29,7 @@ def add_parser(commands: Commands) -> None:
         "--output",
         required=True,
         metavar="FOLDER",
-        help="folder for rgb.png, depth.npy (map units), depth.png (coloured), opacity.png",
+        help="folder for rgb.png, depth.npy (world units), depth.png (coloured), opacity.png",
     )
     add_backend(parser)
     parser.set_defaults(run=run)

@@ -13,7 +13,7 @@ from gscpe.evaluation.text import number_text, significant_text
 
 @dataclass(frozen=True)
 class AblationRow:
-    """Median errors with a part left out; centimetres, or map units where nobody knows these."""
+    """Median errors with a part left out; centimetres, or world units where nobody knows these."""
 
     name: str
     position: float
@@ -43,7 +43,7 @@ def ablation_table(
         )
     return Table(
         title,
-        ("", "position (cm)" if metric else "position (map units)", "rotation (°)"),
+        ("", "position (cm)" if metric else "position (world units)", "rotation (°)"),
         tuple(
             (
                 f"{row.name} (published)" if theirs else row.name,

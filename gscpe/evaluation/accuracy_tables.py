@@ -21,7 +21,7 @@ STAGES: tuple[Stage, ...] = ("coarse", "aligned", "final")
 FINAL = "final: the mean of the coarse and the aligned pose by covariance"
 MEDIANS = "medians are over the queries that have a pose; see the shares for all of them"
 _AVERAGE = "average: mean of the scenes' medians"
-_NO_UNIT = "u: map units, where a scene's unit in metres is not known"
+_NO_UNIT = "u: world units, where a scene's unit in metres is not known"
 
 
 def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
@@ -59,7 +59,7 @@ def accuracy_table(dataset: str, truth: str, runs: Sequence[SceneRun]) -> Table:
     theirs = list(_published_rows(scenes)) if _is_the_papers(truth, runs) else []
     if theirs:
         notes.append(f"published: {published.METHOD}, {published.SOURCE}")
-    unit = "map units" if all(run.metres_per_unit is None for run in runs) else "cm"
+    unit = "world units" if all(run.metres_per_unit is None for run in runs) else "cm"
     keys = (*STAGES, *("published" for _ in theirs))
     rows += [row for row, _ in theirs]
     records += [record for _, record in theirs]

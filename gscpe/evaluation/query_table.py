@@ -18,7 +18,7 @@ STAGES: tuple[Stage, ...] = ("coarse", "final")
 
 def query_table(run: SceneRun) -> Table:
     """A row a query: errors against the first ground truth, and the standard deviation of the
-    final pose; lengths in cm, or in map units where the unit is not known."""
+    final pose; lengths in cm, or in world units where the unit is not known."""
     metric = run.metres_per_unit is not None
     unit = "cm" if metric else "units"
     errors = {stage: run.errors(stage) for stage in STAGES} if run.truths else {}

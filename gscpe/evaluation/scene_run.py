@@ -60,7 +60,7 @@ class SceneRun:
 
     def errors(self, stage: Stage) -> dict[str, PoseDifference]:
         """By name, of the localized photos that the first ground truth knows; distances in
-        metres where the map's unit is known, else in map units."""
+        metres where the map's unit is known, else in world units."""
         unit, errors = self.metres_per_unit or 1.0, {}
         for name, pose in self.poses(stage).items():
             if name in self.truth:
@@ -72,7 +72,7 @@ class SceneRun:
         """The errors of a stage against one of the ground truths (None: the first).
 
         Photos that the truth does not know are left out; distances are in metres where the
-        map's unit is known, else in map units.
+        map's unit is known, else in world units.
         """
         known = self.truths[next(iter(self.truths)) if truth is None else truth]
         asked = {str(detail["name"]) for detail in self.details}

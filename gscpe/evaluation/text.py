@@ -10,7 +10,7 @@ NOTHING = "\N{EN DASH}"
 
 
 def length_text(distance: float | None, metric: bool) -> str:
-    """A distance in metres, as cm or m; or in map units where the unit is not known."""
+    """A distance in metres, as cm or m; or in world units where the unit is not known."""
     if distance is None or not math.isfinite(distance):
         return NOTHING
     if not metric:

@@ -13,14 +13,14 @@ from gscpe.arrays import Float64Array
 
 @dataclass(frozen=True)
 class PoseDifference:
-    """Distance of the camera centres (map units) and angle between the rotations (degrees)."""
+    """Distance of the camera centres (world units) and angle between the rotations (degrees)."""
 
     distance: float
     degrees: float
 
 
 def camera_centre(cam_from_world: ArrayLike) -> Float64Array:
-    """Where the camera is in the world, (3,), map units."""
+    """Where the camera is in the world, (3,), in its units."""
     cam_from_world = np.asarray(cam_from_world, dtype=np.float64)
     return np.asarray(-cam_from_world[:3, :3].T @ cam_from_world[:3, 3])
 

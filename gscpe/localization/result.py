@@ -159,7 +159,7 @@ def _sigmas(covariance: Float64Array) -> str:
     deviations = np.sqrt(np.diag(covariance))
     lengths, degrees = deviations[:3], np.degrees(deviations[3:])
     return (
-        f"{' '.join(f'{x:.2g}' for x in lengths)} map units, "
+        f"{' '.join(f'{x:.2g}' for x in lengths)} world units, "
         f"{' '.join(f'{x:.2g}' for x in degrees)} degrees (x y z of the camera)"
     )
 

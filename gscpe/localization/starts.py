@@ -45,7 +45,7 @@ class PosePrior:
 
     Attributes:
         cam_from_world: (4, 4) rigid transform; it is copied, and the copy cannot be changed.
-        translation_sigma: standard deviation of the camera's centre along each axis, map units.
+        translation_sigma: standard deviation of the camera's centre along each axis, world units.
         rotation_sigma_degrees: standard deviation of its rotation; 180 if the rotation is unknown,
             see :meth:`at`.
 
@@ -69,9 +69,9 @@ class PosePrior:
         """A position alone, as GPS gives it: references near it are tried first.
 
         Args:
-            centre: (3,), where the camera is in the world, map units; not the translation of
+            centre: (3,), where the camera is in the world, world units; not the translation of
                 ``cam_from_world``.
-            translation_sigma: its standard deviation along each axis, map units.
+            translation_sigma: its standard deviation along each axis, world units.
 
         Raises:
             PoseError: there are not three finite numbers, or the deviation is not positive.

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import shutil
 from dataclasses import asdict, dataclass
@@ -209,8 +210,10 @@ def _training_settings(settings: MakeMapSettings) -> TrainingSettings:
     from gscpe.training import TrainingSettings
 
     return TrainingSettings(
-        iterations=settings.iterations or TrainingSettings.iterations,
-        minutes=None if settings.iterations else settings.minutes,
+        iterations=(
+            TrainingSettings.iterations if settings.iterations is None else settings.iterations
+        ),
+        minutes=settings.minutes if settings.iterations is None else None,
         max_gaussians=settings.max_gaussians,
         seed=settings.seed,
     )
@@ -310,5 +313,18 @@ def _stamp(
     }
     if isinstance(source, KnownPoses):
         stamp["photos"] = str(source.image_folder.resolve())
-        stamp["poses"] = None if source.colmap is None else str(source.colmap.resolve())
+        stamp["poses"] = _fingerprint(source)
     return stamp
+
+
+def _fingerprint(source: KnownPoses) -> str:
+    """Changes with the poses and cameras, wherever they are from."""
+    known = hashlib.sha256()
+    if source.colmap is not None:
+        for path in sorted(path for path in source.colmap.rglob("*") if path.is_file()):
+            known.update(path.name.encode() + path.read_bytes())
+    for name, pose in sorted((source.poses or {}).items()):
+        known.update(name.encode() + np.asarray(pose, dtype=np.float64).tobytes())
+    for name, camera in sorted((source.cameras or {}).items()):
+        known.update(f"{name} {camera!r}".encode())
+    return known.hexdigest()

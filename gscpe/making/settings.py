@@ -80,3 +80,13 @@ class MakeMapSettings:
         parse_method(self.retrieval)
         if self.test_every < 0 or self.test_every == 1:
             raise SettingsError(f"test_every must be 0, or 2 and more, not {self.test_every}")
+        # What training would refuse, hours later.
+        if not self.minutes > 0:
+            raise SettingsError(f"minutes must be positive, not {self.minutes}")
+        if self.iterations is not None and self.iterations < 1:
+            raise SettingsError(f"iterations must be at least 1, not {self.iterations}")
+        if self.max_gaussians < 1 or self.seed < 0:
+            raise SettingsError(
+                "max_gaussians must be at least 1 and seed at least 0, not "
+                f"{self.max_gaussians} and {self.seed}"
+            )

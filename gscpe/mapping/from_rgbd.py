@@ -114,7 +114,7 @@ def scene_from_rgbd(
 
     Args:
         rgb: (H, W, 3) uint8 RGB, not OpenCV's BGR.
-        depth: (H, W) floats, z-depth in map units; 0, NaN or infinite where unknown.
+        depth: (H, W) floats, z-depth in world units; 0, NaN or infinite where unknown.
         camera: pinhole camera of both.
         cam_from_world: (4, 4), where they were taken.
         settings: see :class:`RgbdMapSettings`.
@@ -150,7 +150,7 @@ def _checked_depth(depth: Float32Array) -> Float32Array:
         raise PhotoError(f"a depth image must be an array of shape (height, width), not {found}")
     if not np.issubdtype(depth.dtype, np.floating):
         raise PhotoError(
-            f"a depth image must be of floats in map units, not {depth.dtype}; of millimetres, "
+            f"a depth image must be of floats in world units, not {depth.dtype}; of millimetres, "
             "make metres: depth.astype(np.float32) / 1000"
         )
     return depth

@@ -100,9 +100,10 @@ class RefinementResult:
     """The aligned pose and how well it explains the photo.
 
     Attributes:
-        cam_from_world: (4, 4); None when the alignment failed.
-        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation),
-            map units and radians.
+        cam_from_world: (4, 4); None when the alignment failed. Its world and unit are those of the
+            splat that was rendered; in a :class:`gscpe.LocalizationResult`, the user's.
+        covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), in the
+            same unit and radians.
         by_log_focal: (6,) derivative of the same xi with respect to the logarithm of the photo's
             focal lengths.
         gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
@@ -180,8 +181,8 @@ def refine_pose(
         mask = visibility_mask(renderer, view, settings.visibility, tolerance_unit)
         observer.mask_made(mask)
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
-        near = alignment is not None and alignment.motion_pixels <= settings.far_pixels
-        levels = min(1, most_levels) if near else most_levels
+        fine = alignment is not None and alignment.motion_pixels <= settings.far_pixels
+        levels = min(1, most_levels) if fine else most_levels
         light = fit_exposure(view.rgb, photo.rgb, mask, settings.clipping) if clipped else None
         if light is None:
             image, (gain, bias) = luminance(view.rgb), last_light
@@ -203,7 +204,7 @@ def refine_pose(
             anchors, moved.distance, moved.degrees, alignment.motion_pixels,
             alignment.residual, alignment.pixels,
         )  # fmt: skip
-        if anchors >= settings.min_anchors and not _is_far(alignment, moved, settings):
+        if anchors >= settings.min_anchors and not _needs_new_anchor(alignment, moved, settings):
             break
     assert alignment is not None
     agreement, overlap = photometric_agreement(
@@ -229,8 +230,10 @@ def refine_pose(
     )
 
 
-def _is_far(alignment: Alignment, moved: PoseDifference, settings: RefinementSettings) -> bool:
-    """Whether the anchor is too far away to be the last."""
+def _needs_new_anchor(
+    alignment: Alignment, moved: PoseDifference, settings: RefinementSettings
+) -> bool:
+    """Whether the image has moved too far since the anchor for it to be the last."""
     metres, degrees = settings.rerender_translation, settings.rerender_rotation_degrees
     if metres is None and degrees is None:
         return alignment.motion_pixels > settings.rerender_pixels

@@ -23,7 +23,7 @@ class RenderedView:
     Attributes:
         rgb: (H, W, 3) composited over black; about [0, 1], more where the splat says so.
         opacity: (H, W) in [0, 1], the sum of the compositing weights.
-        depth: (H, W) expected z-depth in map units, 0 where nothing was seen.
+        depth: (H, W) expected z-depth in world units, 0 where nothing was seen.
         depth_variance: (H, W) variance of z-depth under the compositing weights.
         camera: the camera of the view.
         cam_from_world: (4, 4) float64, the pose of the view.

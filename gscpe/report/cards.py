@@ -74,7 +74,7 @@ def query_card(
     Args:
         shown: which one, and why.
         detail: of it.
-        errors: by stage, of those that are known; in metres, or in map units where
+        errors: by stage, of those that are known; in metres, or in world units where
             ``metres_per_unit`` is None.
         metres_per_unit: of the map; None where it is not known.
         drawn: its pictures, whose sizes are needed, and what was counted.

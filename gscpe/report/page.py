@@ -179,7 +179,7 @@ def _curves(
     queries = _known_queries(run)
     if not queries:
         return ()
-    unit, factor = ("cm", 100.0) if run.metres_per_unit is not None else ("map units", 1.0)
+    unit, factor = ("cm", 100.0) if run.metres_per_unit is not None else ("world units", 1.0)
     distances: dict[str, list[float]] = {}
     degrees: dict[str, list[float]] = {}
     for stage in _STAGES:

@@ -8,8 +8,8 @@ that were chosen for rooms must fit. So everything inside lives in the map's own
     x_map = scale * (x_world - origin),
 
 whose unit is a metre where the world's unit is known, and else such that the typical surface is
-seen from 2 m. Poses cross between the two at the border of gscpe.localization. This is the only
-place that multiplies by a unit.
+seen from 2 m. Whoever crosses from one to the other, foremost gscpe.localization for photos and
+gscpe.mapping for maps, does so through :class:`MapFrame`: nothing else multiplies by a unit.
 """
 
 from __future__ import annotations

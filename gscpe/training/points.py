@@ -91,7 +91,7 @@ def first_gaussians(points: PointCloud, extent: float, settings: TrainingSetting
 
     Args:
         points: where and in what colour.
-        extent: of the cameras, map units; nothing is wider than a tenth of it.
+        extent: of the cameras, units of the scene; nothing is wider than a tenth of it.
         settings: budget and opacity.
     """
     from scipy.spatial import cKDTree
@@ -120,7 +120,7 @@ def first_gaussians(points: PointCloud, extent: float, settings: TrainingSetting
 
 
 def extent_of(cam_from_world: Float64Array) -> float:
-    """1.1 times the largest distance of a camera from their mean, map units, as in 3DGS."""
+    """1.1 times the largest distance of a camera from their mean, scene units, as in 3DGS."""
     centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
     radius = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
     return 1.1 * radius

@@ -58,7 +58,7 @@ class TrainingRasterizer:
     Args:
         threads: run the loops.
         antialiased: as in GaussianScene.
-        near: the near plane, map units.
+        near: the near plane, units of the scene.
     """
 
     def __init__(

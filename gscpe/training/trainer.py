@@ -32,7 +32,7 @@ class Trainer:
 
     Args:
         photos, cam_from_world, settings: as for :func:`train`.
-        extent: of the cameras, map units.
+        extent: of the cameras, units of the scene.
         state: where to begin; it is changed.
         threads: run the loops.
     """

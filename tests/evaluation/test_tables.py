@@ -301,7 +301,7 @@ def test_ablation() -> None:
     )
     assert json.loads(to_json([table]))["tables"][0]["rows"][1]["median_position_cm"] is None
     table = ablation_table("A", rows, with_published=True, metric=False)
-    assert table.header[1] == "position (map units)"
+    assert table.header[1] == "position (world units)"
     assert [row[1] for row in table.rows] == ["0.1734", "–"]  # noqa: RUF001
     assert "cm" not in to_json([table])
 

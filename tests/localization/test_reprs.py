@@ -86,7 +86,7 @@ def test_a_result_says_pose_and_deviations(result: LocalizationResult) -> None:
     largest = np.sqrt(np.diag(result.covariance))
     text = repr(result)
     assert text.startswith("LocalizationResult: localized\n")
-    assert f"{largest[0]:.2g} {largest[1]:.2g} {largest[2]:.2g} map units" in text
+    assert f"{largest[0]:.2g} {largest[1]:.2g} {largest[2]:.2g} world units" in text
     assert f"{np.degrees(largest[5]):.2g} degrees" in text
     assert result.reference is not None and result.reference in text
 
