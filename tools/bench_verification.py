@@ -175,7 +175,7 @@ def aligned_from_beside(localizer: Localizer, sample: Sample) -> dict[str, Any]:
         localizer,
         localizer.at_the_maps_resolution(to_photo(sample.load(), sample.camera)),
         prior,
-        replace(settings.refinement, levels=settings.near_levels),
+        replace(settings.refinement, levels=settings.tracking_levels),
     )
     return of_aligned(aligned, prior) | errors(aligned.cam_from_world, sample)
 

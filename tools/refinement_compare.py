@@ -102,7 +102,7 @@ def measure_basin(
     """The share of random starts that end within 1 cm and 1 degree: so many draws at each
     distance, the queries in turn; the same for every method."""
     refinement = localizer.settings.refinement
-    levels = sorted({refinement.levels, localizer.settings.near_levels})
+    levels = sorted({refinement.levels, localizer.settings.tracking_levels})
     methods = [
         lucas_kanade(replace(refinement, levels=n), f"Lucas-Kanade, S = {n}") for n in levels
     ]

@@ -89,7 +89,7 @@ class Chain:
         if start.kind == "tracking":
             assert prior is not None
             with clock.stage("refinement"):
-                refinement = replace(settings.refinement, levels=settings.near_levels)
+                refinement = replace(settings.refinement, levels=settings.tracking_levels)
                 aligned = self._refine(query.photo, start.cam_from_world, refinement, observer)
             doubt = doubt_about_tracked(prior, aligned, settings.verification, self.map.frame)
             return Attempt(start, None, aligned, doubt)

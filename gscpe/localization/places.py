@@ -55,8 +55,8 @@ class Places:
         settings, references = self._settings, self._references
         if prior is not None:
             if (
-                prior.translation_sigma <= settings.near
-                and prior.rotation_sigma_degrees <= settings.near_degrees
+                prior.translation_sigma <= settings.tracking_sigma
+                and prior.rotation_sigma_degrees <= settings.tracking_sigma_degrees
             ):
                 yield Start("tracking", prior.cam_from_world)
             if self.knows_rotation(prior):

@@ -38,9 +38,9 @@ class LocalizerSettings:
         motion_sigma: where the result of the frame before is the prior: metres, standard deviation
             of the camera's motion since then, ...
         motion_sigma_degrees: ... and of its rotation.
-        near: a prior whose deviation is at most this, metres, is aligned at once, ...
-        near_degrees: ... and whose rotation is as sure as this.
-        near_levels: times the image is halved for it; each doubles how far off it may be.
+        tracking_sigma: a prior whose deviation is at most this, metres, is aligned at once, ...
+        tracking_sigma_degrees: ... and whose rotation is as sure as this.
+        tracking_levels: times the image is halved for it; each doubles how far off it may be.
         index: how the references are searched.
         retrieval_model: path of the exported network that described the map's references,
             where one did; None: the file of its name in gscpe.retrieval.descriptors_folder().
@@ -58,9 +58,9 @@ class LocalizerSettings:
     most_enlarged: float = 2.0
     motion_sigma: float = 0.05
     motion_sigma_degrees: float = 2.0
-    near: float = 0.1
-    near_degrees: float = 4.0
-    near_levels: int = 4
+    tracking_sigma: float = 0.1
+    tracking_sigma_degrees: float = 4.0
+    tracking_levels: int = 4
     index: IndexSettings = field(default_factory=IndexSettings)
     retrieval_model: str | Path | None = None
     coarse: CoarseSettings = field(default_factory=CoarseSettings)
