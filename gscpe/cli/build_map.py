@@ -158,8 +158,14 @@ def run(options: argparse.Namespace) -> int:
         )
     map_ = build_map(scene, references, options.images, settings, progress=show_progress())
     save_map(map_, options.output, compress=options.compress)
-    print(f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos")
-    return 0 if options.no_check else _check_what_was_written(options)
+    written = f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos"
+    try:
+        status = 0 if options.no_check else _check_what_was_written(options)
+    except KeyboardInterrupt:
+        print(f"{written}; written, but not checked", file=sys.stderr)
+        raise
+    print(written)
+    return status
 
 
 def _fitted(

@@ -143,7 +143,7 @@ def _verdict(
         return 1
     reason = "OpenGL runs on a GPU"
     if backend == "cpu":
-        reason = "faster than OpenGL in software" if "gl" in views else "there is no OpenGL"
+        reason = "faster than OpenGL in software" if "gl" in views else "OpenGL does not render"
     elif is_software:
         reason = "OpenGL in software, because Numba is missing"
     _line("backend chosen by auto", f"{backend}: {reason}")
