@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array
+from gscpe.arrays import Float64Array
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.mapping.looks import Look, PhotoComparison
 from gscpe.scene import GaussianScene, References
@@ -54,7 +54,7 @@ def diagnose_splat(
         )
         return f"{found}: {_about_scales(scene, references, metres_per_unit, photos, backend)}"
     if np.any(huge):
-        left = _without(scene, ~huge)
+        left = scene.taken(~huge)
         look = photos.look(left, references, metres_per_unit, backend)
         if look.best >= min_correlation and look.best > 2.0 * max(seen.best, 0.0):
             return (
@@ -145,14 +145,3 @@ def _where(scene: GaussianScene, references: References) -> str:
 
 def _numbers(point: Float64Array) -> str:
     return ", ".join(f"{x:.6g}" for x in point)
-
-
-def _without(scene: GaussianScene, kept: BoolArray) -> GaussianScene:
-    return replace(
-        scene,
-        means=scene.means[kept],
-        quaternions=scene.quaternions[kept],
-        scales=scene.scales[kept],
-        opacities=scene.opacities[kept],
-        sh=scene.sh[kept],
-    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Sequence, overload
 
 import numpy as np
 
@@ -16,9 +15,9 @@ from gscpe.scene import (
     GaussianScene,
     GlobalDescriptors,
     Map,
-    Photo,
     References,
 )
+from gscpe.scene.photo import LazyPhotos
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,9 @@ def build_map(
             "gscpe.read_colmap_references reads them from a COLMAP model"
         )
     settings = settings or MapSettings()
-    photos = _ReferencePhotos(references, Path(image_folder))
+    photos = LazyPhotos(
+        len(references), lambda index: reference_photo(references, index, Path(image_folder))
+    )
     return Map.of(
         scene=scene,
         references=references,
@@ -95,25 +96,3 @@ def _check_scene(scene: GaussianScene) -> None:
             f"a map is made of a GaussianScene, not of a {type(scene).__name__}; "
             "gscpe.read_splat reads one"
         )
-
-
-class _ReferencePhotos(Sequence[Photo]):
-    """Read when they are asked for."""
-
-    def __init__(self, references: References, folder: Path) -> None:
-        self._references = references
-        self._folder = folder
-
-    def __len__(self) -> int:
-        return len(self._references)
-
-    @overload
-    def __getitem__(self, index: int) -> Photo: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
-
-    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        return reference_photo(self._references, index, self._folder)

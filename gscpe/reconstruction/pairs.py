@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
-from typing import Sequence, overload
+from typing import Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.retrieval import describe_references
 from gscpe.scene import Photo, read_image
+from gscpe.scene.photo import LazyPhotos
 
 
 def choose_pairs(
@@ -33,7 +34,8 @@ def choose_pairs(
         chosen = list(combinations(range(len(photos)), 2))
     else:
         order = in_order(photos, settings.in_order)
-        described = describe_references(_Images(photos, image_folder), progress=progress)
+        lazy = LazyPhotos(len(photos), lambda i: _plain_photo(image_folder / photos[i].name))
+        described = describe_references(lazy, progress=progress)
         chosen = sorted({*order, *look_alike(described.descriptors, settings.most_similar)})
     return [(photos[a].name, photos[b].name) for a, b in chosen]
 
@@ -62,27 +64,10 @@ def look_alike(descriptors: Float32Array, count: int) -> list[tuple[int, int]]:
     return sorted(pairs)
 
 
-class _Images(Sequence[Photo]):
-    """Read when they are asked for; how they are described does not depend on the camera."""
-
-    def __init__(self, photos: Sequence[PreparedPhoto], folder: Path) -> None:
-        self._photos = photos
-        self._folder = folder
-
-    def __len__(self) -> int:
-        return len(self._photos)
-
-    @overload
-    def __getitem__(self, index: int) -> Photo: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
-
-    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        image = read_image(self._folder / self._photos[index].name)[:, :, :3]
-        height, width = image.shape[:2]
-        focal = 1.2 * max(width, height)
-        camera = Camera.pinhole(width, height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
-        return Photo(image, camera)
+def _plain_photo(path: Path) -> Photo:
+    """How a photo is described does not depend on its camera."""
+    image = read_image(path)[:, :, :3]
+    height, width = image.shape[:2]
+    focal = 1.2 * max(width, height)
+    camera = Camera.pinhole(width, height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
+    return Photo(image, camera)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Callable, Sequence, overload
 
 import cv2
 import numpy as np
@@ -117,3 +118,30 @@ def _source_pixels(camera: Camera, pinhole: Camera) -> tuple[Float32Array, Float
 
 def _unless_all(valid: BoolArray | None) -> BoolArray | None:
     return None if valid is None or bool(np.all(valid)) else np.asarray(valid)
+
+
+class LazyPhotos(Sequence[Photo]):
+    """Photos that are read when they are asked for, so that thousands need no memory.
+
+    Args:
+        count: how many there are.
+        read: the photo of a number, from 0.
+    """
+
+    def __init__(self, count: int, read: Callable[[int], Photo]) -> None:
+        self._count = count
+        self._read = read
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> Photo: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
+
+    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
+        if isinstance(index, slice):
+            return [self._read(i) for i in range(*index.indices(self._count))]
+        return self._read(index)
