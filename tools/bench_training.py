@@ -4,11 +4,13 @@
 how well a splat shows the RedKitchen queries.
 
 Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py [--splat PLY] [--rounds N]
+           [--points N]
        GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py --splat PLY --likeness [--every N]
 
 Iteration and render take turns, with the same Gaussians and the same camera, so that whatever
 else the machine does falls on both; processor seconds, of all cores, hardly depend on that at
 all. The iteration is a whole one: render, loss, gradients, Adam.
+The depths of --points points in each photo are regularized; they are those of the splat itself.
 The render is Renderer(..., "cpu").render, which is given the Gaussians in view by chunks and not
 one by one. PSNR is of renders at the queries' true poses, raw and with a gain and a bias fitted
 for each photo and channel.
@@ -27,6 +29,8 @@ import numpy as np
 
 from gscpe import GaussianScene, Renderer, read_splat
 from gscpe.arrays import Float64Array
+from gscpe.geometry import se3
+from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.render.kernel_threads import KernelThreads
 from gscpe.scene import Photo, read_image, to_photo
 from gscpe.scene.colmap_model import read_colmap_references
@@ -36,7 +40,7 @@ from gscpe.training.checkpoint import TrainingState
 from gscpe.training.evaluation import likeness
 from gscpe.training.exposure import Exposures
 from gscpe.training.parameters import Parameters
-from gscpe.training.points import extent_of
+from gscpe.training.points import PointCloud, extent_of
 from gscpe.training.schedule import Schedule
 from gscpe.training.settings import TrainingSettings
 from gscpe.training.trainer import Trainer
@@ -48,6 +52,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--splat", type=Path, help="default: that of the data set")
     parser.add_argument("--rounds", type=int, default=3, help=f"through {PHOTOS} photos")
+    parser.add_argument("--points", type=int, default=0, help="in each photo (default: none)")
     parser.add_argument("--likeness", action="store_true", help="PSNR of the queries")
     parser.add_argument("--every", type=int, default=4, help="only every N-th query")
     options = parser.parse_args()
@@ -59,7 +64,7 @@ def main() -> int:
     if options.likeness:
         show_likeness(scene, data, options.every)
     else:
-        show_times(scene, data, options.rounds)
+        show_times(scene, data, options.rounds, options.points)
     return 0
 
 
@@ -75,7 +80,7 @@ def show_likeness(scene: GaussianScene, data: Path, every: int) -> None:
     )
 
 
-def show_times(scene: GaussianScene, data: Path, rounds: int) -> None:
+def show_times(scene: GaussianScene, data: Path, rounds: int, points: int) -> None:
     """Milliseconds and ratios, by size of the photos and degree of the colours."""
     references = read_colmap_references(data / "sparse" / "0", data / "references")
     chosen = np.linspace(0, len(references) - 1, PHOTOS).astype(int)
@@ -84,6 +89,8 @@ def show_times(scene: GaussianScene, data: Path, rounds: int) -> None:
         for i in chosen
     ]
     extent = extent_of(references.cam_from_world)
+    poses = references.cam_from_world[chosen]
+    cloud = points_of(scene, photos, poses, points) if points else None
     print(f"{len(scene)} Gaussians, {PHOTOS} views, medians")
     print("| photos | degree | iteration, ms | render, ms | ratio | of processor seconds |")
     print("|---|---|---|---|---|---|")
@@ -93,8 +100,7 @@ def show_times(scene: GaussianScene, data: Path, rounds: int) -> None:
                 iterations=10**6, small_share=1.0 if small else 0.0, sh_shares=(2.0, 2.0, 2.0)
             )
             parameters = parameters_of(scene, degree)
-            poses = references.cam_from_world[chosen]
-            iteration, render = times(parameters, photos, poses, extent, settings, rounds)
+            iteration, render = times(parameters, photos, poses, extent, settings, rounds, cloud)
             wall, processor = iteration / render
             print(
                 f"| {photos[0].camera.width // (1 + small)} px | {degree} | {iteration[0]:.0f} | "
@@ -112,6 +118,7 @@ def times(
     extent: float,
     settings: TrainingSettings,
     rounds: int,
+    cloud: PointCloud | None,
 ) -> tuple[Float64Array, Float64Array]:
     """Median milliseconds, wall and processor, of an iteration and a render of the same view."""
     state = TrainingState(
@@ -122,7 +129,8 @@ def times(
         np.zeros(len(parameters), dtype=np.int32),
     )
     threads = KernelThreads()
-    trainer = Trainer(photos, poses, extent, state, settings, threads)
+    seen = cloud.seen_in([str(number) for number in range(len(photos))]) if cloud else None
+    trainer = Trainer(photos, poses, extent, state, settings, threads, cloud, seen)
     degree = int(np.sqrt(parameters.sh.shape[1])) - 1
     iterations, renders = [], []
     trainer.step()  # compiles
@@ -141,6 +149,25 @@ def times(
         iterations.append(end - middle)
     threads.close()
     return np.median(iterations, axis=0), np.median(renders, axis=0)
+
+
+def points_of(
+    scene: GaussianScene, photos: list[Photo], poses: Float64Array, count: int
+) -> PointCloud:
+    """So many points of each photo, by number, at random pixels and as deep as the splat."""
+    rng = np.random.default_rng(0)
+    positions, seen = [], {}
+    with Renderer(scene, "cpu") as renderer:
+        for number, (photo, pose) in enumerate(zip(photos, poses, strict=True)):
+            depth = renderer.render(photo.camera, pose).depth
+            chosen = rng.permutation(np.flatnonzero(depth > 0))[:count]
+            pixels = pixel_centres(photo.camera).reshape(-1, 2)[chosen]
+            in_cam = unproject(photo.camera, pixels, depth.ravel()[chosen].astype(np.float64))
+            positions.append(transform_points(se3.inverse(pose), in_cam))
+            seen[str(number)] = number * count + np.arange(len(chosen))
+    return PointCloud(
+        np.concatenate(positions), np.zeros((len(photos) * count, 3), dtype=np.uint8), seen
+    )
 
 
 def clocks() -> Float64Array:

@@ -256,6 +256,7 @@ def _train(
             bar,
             checkpoint,
             resume=checkpoint.exists(),
+            seen=points.seen_in(learned.names),
         )
     write_splat(scene, splat)
     checkpoint.unlink()

@@ -9,6 +9,9 @@ as in 3DGS. With the gradient g of a pixel's colour C, the weight w and colour c
 so nothing is kept from the forward pass but its image, transmittance comes from the same sums
 as there, and rows end where they end there. What the form of the inner loop owes to the
 compiler is told in gscpe.render.cpu_compositing.
+
+The depth D = sum of w z / sum of w has a gradient G at a few pixels only. There the same is done
+once more, with w (z - D) G / (sum of w) in the place of w (g c): gradients add up.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from gscpe.render.cpu_compositing import BLOCK, MAX_ALPHA, PLANE, ellipse_alpha,
 from gscpe.render.cpu_projection import (
     BLUE,
     CUTOFF,
+    DEPTH,
     FAST,
     GREEN,
     OPACITY,
@@ -36,12 +40,12 @@ from gscpe.render.cpu_projection import (
     V,
 )
 
-SUMS = 9
+SUMS = 10
 """Sums over the pixels of an ellipse, of h = dL/d(exponent), its moments about the centre, and
-of the compositing weight times the gradient of each channel. The exponent is
+of the compositing weight times the gradient of each channel and of z. The exponent is
 -(A dx^2 + 2 B dx dy + C dy^2) / 2."""
 
-H, H_X, H_Y, H_XX, H_XY, H_YY, W_RED, W_GREEN, W_BLUE = range(SUMS)
+H, H_X, H_Y, H_XX, H_XY, H_YY, W_RED, W_GREEN, W_BLUE, W_DEPTH = range(SUMS)
 
 _F = np.float32
 _U64 = np.uint64
@@ -96,6 +100,41 @@ def _add_ellipse(
 
 
 @compiled(fastmath=FAST)
+def _add_depths(
+    planes, begin, end, pixels, slopes, depths, through, rests, first, last, u, v, a, b, c,
+    opacity, limit, z, sums, entry,
+):  # fmt: skip
+    """Adds what those pixels of a tile that have a gradient of the depth say about one Gaussian.
+
+    From begin to end - 1, pixels, slopes and depths hold where in the tile, dL/dD / (sum of w), and
+    D; through and rests transmittance and R. The others are those of _add_ellipse, which comes
+    before.
+    """
+    for n in range(begin, end):
+        k = pixels[n]
+        if k < first or k >= last:
+            continue
+        dx, dy = planes[6 * PLANE + k] - u, planes[7 * PLANE + k] - v
+        peak = ellipse_alpha(dx, dy, a, b, c, opacity, limit)
+        if peak == 0:
+            continue
+        alpha = min(peak, MAX_ALPHA)
+        weight = alpha * through[n]
+        through[n] -= weight
+        sums[entry, W_DEPTH] += weight * slopes[n]
+        part = weight * slopes[n] * (z - depths[n])
+        rests[n] -= part
+        if peak <= MAX_ALPHA:
+            h = part - rests[n] * alpha / (_F(1.0) - alpha)
+            sums[entry, H] += h
+            sums[entry, H_X] += h * dx
+            sums[entry, H_Y] += h * dy
+            sums[entry, H_XX] += h * dx * dx
+            sums[entry, H_XY] += h * dx * dy
+            sums[entry, H_YY] += h * dy * dy
+
+
+@compiled(fastmath=FAST)
 def _load_tile(planes, left, top, rgb, opacity, rgb_gradient, opacity_gradient):
     """Fills planes for a tile; pixels beyond the image have no gradient."""
     height, width = opacity.shape
@@ -116,18 +155,29 @@ def _load_tile(planes, left, top, rgb, opacity, rgb_gradient, opacity_gradient):
 @compiled()
 def sum_tiles(
     begin, end, records, starts, entries, columns, rgb, opacity, rgb_gradient, opacity_gradient,
-    sums, ends,
+    depth_starts, depth_pixels, depth_slopes, depths, sums, ends,
 ):  # fmt: skip
     """The sums of each entry of the tiles begin to end. ends[tile] gets the end of those entries
-    that were composited; those behind them get none."""
+    that were composited; those behind them get none.
+
+    depth_pixels[depth_starts[tile] : depth_starts[tile + 1]] are the tile's pixels with a gradient
+    of the depth, see _add_depths.
+    """
     height = opacity.shape[0]
     planes = np.empty(8 * PLANE, np.float32)
     gathered = np.empty((BLOCK, RECORD), np.float32)
     for k in range(PLANE):
         planes[6 * PLANE + k] = _F(k % TILE) + _F(0.5)
         planes[7 * PLANE + k] = _F(k // TILE) + _F(0.5)
+    through, rests = (
+        np.empty(len(depth_pixels), np.float32),
+        np.empty(len(depth_pixels), np.float32),
+    )
     for tile in range(begin, end):
         left, top = tile % columns * TILE, tile // columns * TILE
+        deep, deep_end = depth_starts[tile], depth_starts[tile + 1]
+        through[deep:deep_end] = _F(1.0)
+        rests[deep:deep_end] = _F(0.0)
         _load_tile(planes, left, top, rgb, opacity, rgb_gradient, opacity_gradient)
         first_live, last_live = 0, min(TILE, height - top) - 1
         ends[tile] = starts[tile + 1]
@@ -142,12 +192,20 @@ def sum_tiles(
                 u, v, reach = record[U] - _F(left), record[V] - _F(top), record[REACH]
                 first_row = max(math.ceil(v - reach - _F(0.5)), first_live)
                 last_row = min(math.floor(v + reach - _F(0.5)), last_live)
+                first, last = first_row * TILE, max(last_row + 1, first_row) * TILE
+                a, b = _F(-0.0625) * record[A], _F(-0.125) * record[B]
+                c, limit = _F(-0.0625) * record[C], _F(-0.0625) * record[CUTOFF]
                 _add_ellipse(
-                    planes, _U64(first_row * TILE), _U64(max(last_row + 1, first_row) * TILE), u, v,
-                    _F(-0.0625) * record[A], _F(-0.125) * record[B], _F(-0.0625) * record[C],
-                    record[OPACITY], _F(-0.0625) * record[CUTOFF],
+                    planes, _U64(first), _U64(last), u, v, a, b, c, record[OPACITY], limit,
                     record[RED], record[GREEN], record[BLUE], sums, block + n,
                 )  # fmt: skip
+                sums[block + n, W_DEPTH] = _F(0.0)
+                if deep < deep_end:
+                    _add_depths(
+                        planes, deep, deep_end, depth_pixels, depth_slopes, depths, through, rests,
+                        first, last, u, v, a, b, c, record[OPACITY], limit, record[DEPTH],
+                        sums, block + n,
+                    )  # fmt: skip
             first_live, last_live = live_rows(planes, first_live, last_live)
             if first_live > last_live:
                 ends[tile] = block + count

@@ -21,7 +21,16 @@ from gscpe.render.cpu_projection import (
     image_slope,
     rotation_of,
 )
-from gscpe.training.backward_compositing import H_X, H_XX, H_XY, H_Y, H_YY, W_RED, H
+from gscpe.training.backward_compositing import (
+    H_X,
+    H_XX,
+    H_XY,
+    H_Y,
+    H_YY,
+    W_DEPTH,
+    W_RED,
+    H,
+)
 from gscpe.training.harmonics import slope_of_sum
 
 GRADIENT = 19
@@ -53,7 +62,10 @@ def parameter_gradients(  # noqa: PLR0915 - one formula after the other, as in p
     for slot in range(begin, end):
         i = np.int64(keys[slot] & np.uint64(0xFFFFFFFF))
         record, total, out = records[slot], totals[slot], gradients[slot]
-        if total[H] == 0 and total[W_RED] == 0 and total[W_RED + 1] == 0 and total[H_XX] == 0:
+        if (
+            total[H] == 0 and total[H_XX] == 0 and total[W_DEPTH] == 0
+            and total[W_RED] == 0 and total[W_RED + 1] == 0
+        ):  # fmt: skip
             out[:] = zero  # hidden: nothing of it was composited
             continue
 
@@ -129,7 +141,7 @@ def parameter_gradients(  # noqa: PLR0915 - one formula after the other, as in p
         f10, f11 = d10 * r00 + d11 * r01 + d12 * r02, d10 * r10 + d11 * r11 + d12 * r12
         f12 = d10 * r20 + d11 * r21 + d12 * r22
 
-        # The point in the camera: by the pixel, and by the slope, J = (a0 0 c0; 0 b1 c1) W.
+        # The point in the camera: by the pixel, by the slope, J = (a0 0 c0; 0 b1 c1) W, and by z.
         ga0 = f00 * view[0, 0] + f01 * view[0, 1] + f02 * view[0, 2]
         gc0 = f00 * view[2, 0] + f01 * view[2, 1] + f02 * view[2, 2]
         gb1 = f10 * view[1, 0] + f11 * view[1, 1] + f12 * view[1, 2]
@@ -142,6 +154,7 @@ def parameter_gradients(  # noqa: PLR0915 - one formula after the other, as in p
         py = (gv * fy + free_y) * inverse_z
         pz = -slope_x * px - slope_y * py
         pz -= (ga0 * a0 + gc0 * c0 + gb1 * b1 + gc1 * c1) * inverse_z
+        pz += total[W_DEPTH]
 
         # The colour, and through its direction the point again.
         dx, dy, dz = mx - centre[0], my - centre[1], mz - centre[2]

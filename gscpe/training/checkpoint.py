@@ -15,7 +15,7 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.errors import OutputError, TrainingError
 from gscpe.scene.photo import Photo
 from gscpe.training.exposure import Exposures
@@ -60,6 +60,7 @@ def fingerprint(
     photos: Sequence[Photo],
     cam_from_world: Float64Array,
     points: PointCloud,
+    seen: Sequence[IntArray] | None,
     settings: TrainingSettings,
 ) -> str:
     """A digest of what a training is made of. The minutes are not part of it: they may be
@@ -70,7 +71,7 @@ def fingerprint(
     for photo in photos:
         digest.update(photo.camera.colmap_text().encode())
         digest.update(photo.rgb.tobytes())
-    for array in (cam_from_world, points.positions, points.colours):
+    for array in (cam_from_world, points.positions, points.colours, *(seen or ())):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

@@ -118,7 +118,8 @@ def train_from_colmap(
         if progress is not None:
             progress(news)
 
-    scene = train(photos, poses[learn], points, settings, tell, checkpoint, resume)
+    depths = points.seen_in([references.names[i] for i in learn])
+    scene = train(photos, poses[learn], points, settings, tell, checkpoint, resume, seen=depths)
     write_splat(scene, output)
     checkpoint.unlink()
     if test:

@@ -10,7 +10,7 @@ from typing import Sequence
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import CameraError, TrainingError
 from gscpe.geometry.se3 import check_transform
 from gscpe.interrupts import interrupts_later
@@ -45,6 +45,7 @@ def train(
     checkpoint: str | Path | None = None,
     resume: bool = False,
     threads: int | None = None,
+    seen: Sequence[IntArray] | None = None,
 ) -> GaussianScene:
     """A splat that looks like the photos from where they were taken.
 
@@ -62,10 +63,12 @@ def train(
             from; it stays at the end.
         resume: go on from ``checkpoint``.
         threads: that compute; by default as many as there are cores to use.
+        seen: indices of the points that each photo sees, see :meth:`PointCloud.seen_in`; without,
+            depths are not regularized.
 
     Raises:
-        TrainingError: there are too few photos, as many poses there are not, a checkpoint does not
-            fit, or the training diverged.
+        TrainingError: there are too few photos, as many poses there are not, or other points
+            are seen than there are; a checkpoint does not fit, or the training diverged.
         PoseError: a pose is not a rigid transform.
         CameraError: a photo has lens distortion, or is of another size than its camera.
         OutputError: a checkpoint cannot be written.
@@ -73,10 +76,11 @@ def train(
     begin = time.perf_counter()
     settings = settings or TrainingSettings()
     cam_from_world = _checked(photos, cam_from_world)
+    seen = _checked_seen(seen, photos, points)
     path = None if checkpoint is None else Path(checkpoint)
     if resume and path is None:
         raise TrainingError("to resume, name the checkpoint")
-    mark = fingerprint(photos, cam_from_world, points, settings) if path else ""
+    mark = fingerprint(photos, cam_from_world, points, seen, settings) if path else ""
     extent = _extent(cam_from_world, points)
     if resume and path is not None:
         state = read_checkpoint(path, mark, settings)
@@ -91,7 +95,7 @@ def train(
         )
     begin -= state.schedule.seconds
     pool = KernelThreads(threads)
-    trainer = Trainer(photos, cam_from_world, extent, state, settings, pool)
+    trainer = Trainer(photos, cam_from_world, extent, state, settings, pool, points, seen)
     try:
         with interrupts_later() as interrupts:
             if path is not None and not resume:
@@ -138,6 +142,21 @@ def _checked(photos: Sequence[Photo], cam_from_world: Float64Array) -> Float64Ar
             for i, pose in enumerate(cam_from_world)
         ]
     )
+
+
+def _checked_seen(
+    seen: Sequence[IntArray] | None, photos: Sequence[Photo], points: PointCloud
+) -> Sequence[IntArray] | None:
+    if seen is None:
+        return None
+    if len(seen) != len(photos):
+        raise TrainingError(f"{len(photos)} photos, but points that {len(seen)} see")
+    for number, indices in enumerate(seen):
+        if len(indices) and not 0 <= indices.min() <= indices.max() < len(points.positions):
+            raise TrainingError(
+                f"photo {number} sees points that are not among the {len(points.positions)}"
+            )
+    return seen
 
 
 def _extent(cam_from_world: Float64Array, points: PointCloud) -> float:

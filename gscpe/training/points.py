@@ -3,20 +3,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
-from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.arrays import Float64Array, IntArray, UInt8Array
 from gscpe.errors import ColmapModelError, MissingDependencyError
 from gscpe.scene.gaussians import SH_C0
+from gscpe.scene.photo_name import with_slashes
 from gscpe.training.parameters import Parameters
 from gscpe.training.settings import TrainingSettings
 
 LEAST_POINTS = 100
 """Fewer do not tell where things are."""
+
+_LEAST_PHOTOS = 3
+_MOST_ERROR = 2.0
+"""A point that fewer photos see, or that is off by more pixels, does not say how deep they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +31,7 @@ class PointCloud:
     Attributes:
         positions: (M, 3) float64, in the world, finite.
         colours: (M, 3) uint8.
+        seen_by_name: indices of those that a photo sees and that are known well, by its name.
 
     Raises:
         ColmapModelError: shapes differ, a position is not finite, or there are fewer than
@@ -34,6 +40,7 @@ class PointCloud:
 
     positions: Float64Array
     colours: UInt8Array
+    seen_by_name: Mapping[str, IntArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.positions.shape != (len(self.positions), 3) or (
@@ -47,6 +54,12 @@ class PointCloud:
             )
         if not np.all(np.isfinite(self.positions)):
             raise ColmapModelError("some points are NaN or infinite; remove them from the model")
+
+    def seen_in(self, names: Sequence[str]) -> list[IntArray]:
+        """Indices of the points that each of these photos sees; of unknown photos, none."""
+        nothing = np.zeros(0, dtype=np.intp)
+        by_name = {with_slashes(name): indices for name, indices in self.seen_by_name.items()}
+        return [by_name.get(with_slashes(name), nothing) for name in names]
 
 
 def read_colmap_points(model_folder: str | Path) -> PointCloud | None:
@@ -79,9 +92,16 @@ def cloud_of(model: Any) -> PointCloud:
         ColmapModelError: there are too few, or one is not finite.
     """
     points = [model.points3D[number] for number in sorted(model.points3D)]
+    seen: dict[str, list[int]] = {}
+    for index, point in enumerate(points):
+        photos = {element.image_id for element in point.track.elements}
+        if len(photos) >= _LEAST_PHOTOS and point.error <= _MOST_ERROR:
+            for photo in photos:
+                seen.setdefault(model.images[photo].name, []).append(index)
     return PointCloud(
         np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
         np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+        {name: np.array(indices, dtype=np.intp) for name, indices in seen.items()},
     )
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
+from gscpe.render.cpu_projection import TILE
 from gscpe.render.cpu_tiles import Gaussians, TiledView, composite, tile_view
 from gscpe.render.kernel_threads import KernelThreads, in_parts
 from gscpe.render.view import RenderedView
@@ -31,6 +32,20 @@ class ForwardPass:
 
     view: RenderedView
     tiled: TiledView
+
+
+@dataclass(frozen=True, eq=False)
+class DepthGradient:
+    """The gradient of a loss with respect to ``view.depth``, where it has one.
+
+    Attributes:
+        rows, columns: (M,) pixels at which the view has a depth; the same one may come twice.
+        values: (M,) float32.
+    """
+
+    rows: IntArray
+    columns: IntArray
+    values: Float32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +115,7 @@ class TrainingRasterizer:
         forward: ForwardPass,
         rgb_gradient: Float32Array,
         opacity_gradient: Float32Array,
+        depth_gradient: DepthGradient | None = None,
     ) -> Gradients:
         """Gradients of a loss with respect to the Gaussians and the pose.
 
@@ -108,13 +124,15 @@ class TrainingRasterizer:
             forward: how.
             rgb_gradient: (H, W, 3), of the loss with respect to ``view.rgb``.
             opacity_gradient: (H, W), and to ``view.opacity``.
+            depth_gradient: and to ``view.depth``, at a few pixels.
         """
         tiled, view = forward.tiled, forward.view
         sums = np.empty((len(tiled.entries), SUMS), dtype=np.float32)
         ends = np.empty(len(tiled.starts) - 1, dtype=np.int64)
         self._threads.run(
             sum_tiles, tiled.tile_parts(), tiled.records, tiled.starts, tiled.entries,
-            tiled.columns, view.rgb, view.opacity, rgb_gradient, opacity_gradient, sums, ends,
+            tiled.columns, view.rgb, view.opacity, rgb_gradient, opacity_gradient,
+            *_by_tile(depth_gradient, forward), sums, ends,
         )  # fmt: skip
         slots = len(tiled.records)
         totals = np.zeros((slots, SUMS), dtype=np.float32)
@@ -137,3 +155,21 @@ class TrainingRasterizer:
             gradients, poses,
         )  # fmt: skip
         return Gradients(tiled.used, tiled.keys, gradients, poses.sum(axis=0))
+
+
+def _by_tile(
+    gradient: DepthGradient | None, forward: ForwardPass
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Float32Array, Float32Array]:
+    """Where each tile's pixels begin; and of each pixel, tile by tile, where it is in its tile, the
+    gradient divided by its opacity, and its depth."""
+    tiles = len(forward.tiled.starts) - 1
+    if gradient is None:
+        nothing = np.zeros(0, dtype=np.float32)
+        return np.zeros(tiles + 1, np.int64), np.zeros(0, np.int64), nothing, nothing
+    tile = gradient.rows // TILE * forward.tiled.columns + gradient.columns // TILE
+    order = np.argsort(tile, kind="stable")
+    rows, columns = gradient.rows[order], gradient.columns[order]
+    starts = np.searchsorted(tile[order], np.arange(tiles + 1)).astype(np.int64)
+    pixels = (rows % TILE * TILE + columns % TILE).astype(np.int64)
+    slopes = gradient.values[order] / forward.view.opacity[rows, columns]
+    return starts, pixels, slopes.astype(np.float32), forward.view.depth[rows, columns]

@@ -29,6 +29,8 @@ class TrainingSettings:
             times this, exponentially.
         harmonics_rate: of higher degrees, as a share of ``colour_rate``.
         exposure_rate: of gains and biases; falls to a tenth. 0 for none.
+        depth_weight: so many pixels count like one point whose depth is known; it falls to
+            ``depth_weight_end`` times this, exponentially. 0: depths are not looked at.
         opacity_weight, scale_weight: of the mean opacity, and of the mean scale as a share of the
             extent, in the loss: what no photo needs fades away, in place of resets.
         densify_from, densify_until: shares between which Gaussians are added.
@@ -63,6 +65,8 @@ class TrainingSettings:
     rates_end: float = 0.4
     harmonics_rate: float = 0.1
     exposure_rate: float = 0.005
+    depth_weight: float = 10.0
+    depth_weight_end: float = 0.1
     opacity_weight: float = 0.001
     scale_weight: float = 0.01
     densify_from: float = 0.08
@@ -88,6 +92,11 @@ class TrainingSettings:
             raise SettingsError(f"sh_degree must be 0, 1, 2 or 3, not {self.sh_degree}")
         if len(self.sh_shares) != 3 or list(self.sh_shares) != sorted(self.sh_shares):
             raise SettingsError("sh_shares must be three shares in ascending order")
+        if not 0 <= self.depth_weight < 1e6 or not 0 < self.depth_weight_end <= 1:
+            raise SettingsError(
+                "depth_weight must be 0 or more, and depth_weight_end lie in (0, 1], not "
+                f"{self.depth_weight} and {self.depth_weight_end}"
+            )
         if self.seed < 0:
             raise SettingsError(f"seed must be 0 or more, not {self.seed}")
         if self.densify_rounds < 1:

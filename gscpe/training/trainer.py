@@ -7,7 +7,7 @@ from typing import Sequence
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import TrainingError
 from gscpe.render.kernel_threads import KernelThreads, in_parts
 from gscpe.scene.gaussians import GaussianScene
@@ -15,10 +15,12 @@ from gscpe.scene.photo import Photo, resized_photo
 from gscpe.training.adam import CORRECTIONS, update_gaussians
 from gscpe.training.checkpoint import TrainingState
 from gscpe.training.densification import is_kept, split, to_split
+from gscpe.training.depth import PointDepths, depth_loss
 from gscpe.training.loss import photo_loss
 from gscpe.training.parameters import MOMENTS
+from gscpe.training.points import PointCloud
 from gscpe.training.progress import Progress
-from gscpe.training.rasterizer import Gradients, TrainingRasterizer
+from gscpe.training.rasterizer import DepthGradient, ForwardPass, Gradients, TrainingRasterizer
 from gscpe.training.settings import TrainingSettings
 
 _FOLD_EVERY = 100
@@ -31,7 +33,7 @@ class Trainer:
     """One iteration after the other. :func:`train` adds checkpoints and interruption.
 
     Args:
-        photos, cam_from_world, settings: as for :func:`train`.
+        photos, cam_from_world, points, seen, settings: as for :func:`train`.
         extent: of the cameras, units of the scene.
         state: where to begin; it is changed.
         threads: run the loops.
@@ -45,6 +47,8 @@ class Trainer:
         state: TrainingState,
         settings: TrainingSettings,
         threads: KernelThreads,
+        points: PointCloud | None = None,
+        seen: Sequence[IntArray] | None = None,
     ) -> None:
         self._photos = photos
         self._poses = cam_from_world
@@ -52,6 +56,8 @@ class Trainer:
         self._state = state
         self._settings = settings
         self._threads = threads
+        self._points = points
+        self._seen = seen
         self._rasterizer = TrainingRasterizer(threads, settings.antialiased)
         self._small: list[Photo] | None = None
 
@@ -76,7 +82,11 @@ class Trainer:
             settings.ssim_weight,
         )
         gradients = self._rasterizer.backward(
-            gaussians, forward, loss.rgb_gradient, loss.opacity_gradient
+            gaussians,
+            forward,
+            loss.rgb_gradient,
+            loss.opacity_gradient,
+            self._depth_gradient(index, photo, forward),
         )
         self._update(gradients, 0.5 * max(photo.camera.width, photo.camera.height))
         if settings.exposure_rate:
@@ -133,6 +143,18 @@ class Trainer:
         if self._small is None:
             self._small = [resized_photo(photo, 0.5) for photo in self._photos]
         return self._small[index]
+
+    def _depth_gradient(
+        self, index: int, photo: Photo, forward: ForwardPass
+    ) -> DepthGradient | None:
+        """Of the points that the photo sees."""
+        settings = self._settings
+        if not settings.depth_weight or self._seen is None or self._points is None:
+            return None
+        positions = self._points.positions[self._seen[index]]
+        depths = PointDepths.of(positions, photo.camera, self._poses[index], photo.valid)
+        fallen = settings.depth_weight_end**self._state.schedule.share
+        return depth_loss(forward.view, depths, settings.depth_weight * fallen)[1]
 
     def _update(self, gradients: Gradients, half_side: float) -> None:
         state, settings = self._state, self._settings

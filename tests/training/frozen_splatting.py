@@ -61,8 +61,8 @@ class Decisions:
 
 def splat(
     p: Parameters, camera: Camera, antialiased: bool, decisions: Decisions | None = None
-) -> tuple[Array, Array, Decisions]:
-    """rgb (H, W, 3), opacity (H, W), and the decisions taken, or those given."""
+) -> tuple[Array, Array, Array, Decisions]:
+    """rgb (H, W, 3), opacity and expected depth (H, W), and the decisions taken, or those given."""
     rotation, translation = p.cam_from_world[:3, :3], p.cam_from_world[:3, 3]
     centre = -np.linalg.solve(rotation, translation)
     in_cam = p.means @ rotation.T + translation
@@ -72,6 +72,7 @@ def splat(
     )  # fmt: skip
     u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     rgb, transmittance = np.zeros((camera.height, camera.width, 3)), np.ones(u.shape)
+    depth = np.zeros(u.shape)
     low = np.array([-camera.cx / camera.fx, -camera.cy / camera.fy])
     high = low + np.array([camera.width / camera.fx, camera.height / camera.fy])
     margin = 0.15 * (high - low)
@@ -102,5 +103,7 @@ def splat(
             taken.black.append(colour < 0)
         alpha = np.where(taken.full[n], MAX_ALPHA, alpha) * taken.reached[n]
         rgb += (transmittance * alpha)[:, :, None] * np.where(taken.black[n], 0.0, colour)
+        depth += transmittance * alpha * z
         transmittance = transmittance * (1.0 - alpha)
-    return rgb, 1.0 - transmittance, taken
+    opacity = 1.0 - transmittance
+    return rgb, opacity, depth / np.maximum(opacity, 1e-12), taken

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Callable, Sequence
+
 import numpy as np
 import pytest
 from helpers import random_pose, random_scene, simple_camera
@@ -19,7 +22,7 @@ from frozen_splatting import Parameters, splat
 
 from gscpe.training import backward_projection as layout
 from gscpe.training.harmonics import fill_basis
-from gscpe.training.rasterizer import Gradients, TrainingRasterizer
+from gscpe.training.rasterizer import DepthGradient, Gradients, TrainingRasterizer
 
 NAMES = ("means", "log_scales", "quaternions", "logits", "sh")
 CAMERA = Camera.pinhole(44, 35, fx=40.0, fy=37.0, cx=20.5, cy=18.0)
@@ -54,12 +57,15 @@ def analytic(
     pose: NDArray[np.float64],
     weights: NDArray[np.float32],
     opacity_weights: NDArray[np.float32],
+    depth_gradient: DepthGradient | None = None,
     threads: int = 1,
 ) -> tuple[dict[str, NDArray[np.float64]], Gradients]:
     """Gradients of a weighted sum of the pixels, by name."""
     rasterizer = TrainingRasterizer(KernelThreads(threads), scene.antialiased)
     forward = rasterizer.forward(arrays(scene), CAMERA, pose)
-    gradients = rasterizer.backward(arrays(scene), forward, weights, opacity_weights)
+    gradients = rasterizer.backward(
+        arrays(scene), forward, weights, opacity_weights, depth_gradient
+    )
     found = {
         "means": np.zeros((len(scene), 3)),
         "log_scales": np.zeros((len(scene), 3)),
@@ -103,7 +109,7 @@ def test_every_parameter_against_central_differences(
     scene = hard_scene(rng, sh_degree, pose, antialiased)
     found, gradients = analytic(scene, pose, *weights)
     base = Parameters.of(scene, pose)
-    rgb, opacity, decisions = splat(base, CAMERA, antialiased)
+    rgb, opacity, _, decisions = splat(base, CAMERA, antialiased)
     for clamp in (decisions.full, decisions.black, decisions.beside):
         assert any(np.any(one) for one in clamp)  # or nothing would be proved about it
     view = TrainingRasterizer(KernelThreads(1), antialiased).forward(arrays(scene), CAMERA, pose)
@@ -111,10 +117,21 @@ def test_every_parameter_against_central_differences(
     np.testing.assert_allclose(view.view.opacity, opacity, atol=2e-5)
 
     def loss(parameters: Parameters) -> float:
-        rgb, opacity, _ = splat(parameters, CAMERA, antialiased, decisions)
+        rgb, opacity, _, _ = splat(parameters, CAMERA, antialiased, decisions)
         return float(np.sum(weights[0] * rgb) + np.sum(weights[1] * opacity))
 
-    for name in NAMES:
+    assert_derivatives(loss, base, found, gradients)
+
+
+def assert_derivatives(
+    loss: Callable[[Parameters], float],
+    base: Parameters,
+    found: dict[str, NDArray[np.float64]],
+    gradients: Gradients,
+    names: Sequence[str] = NAMES,
+) -> None:
+    """All of them, and those of the pose, against central differences."""
+    for name in names:
         numeric = np.zeros_like(found[name])
         for index in np.ndindex(numeric.shape):
             up, down = (base.nudged(name, index, step) for step in (1e-5, -1e-5))
@@ -126,11 +143,51 @@ def test_every_parameter_against_central_differences(
     numeric_pose = np.zeros(6)
     for k, step in enumerate(1e-5 * np.eye(6)):
         ends = [
-            loss(Parameters(**{**vars(base), "cam_from_world": se3.exp(sign * step) @ pose}))
+            loss(replace(base, cam_from_world=se3.exp(sign * step) @ base.cam_from_world))
             for sign in (1, -1)
         ]
         numeric_pose[k] = (ends[0] - ends[1]) / 2e-5
     np.testing.assert_allclose(gradients.pose, numeric_pose, atol=2e-4 * np.abs(numeric_pose).max())
+
+
+def depth_weights(opacity: NDArray[np.float64], rng: np.random.Generator) -> DepthGradient:
+    """At some pixels that have a depth; at one of them twice."""
+    rows, columns = np.nonzero(opacity > 0.3)
+    chosen = rng.permutation(len(rows))[:30]
+    chosen[1] = chosen[0]
+    return DepthGradient(
+        rows[chosen], columns[chosen], rng.normal(size=len(chosen)).astype(np.float32)
+    )
+
+
+@pytest.mark.parametrize("with_colours", [False, True])
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_depth_against_central_differences(
+    antialiased: bool,
+    with_colours: bool,
+    rng: np.random.Generator,
+    weights: tuple[NDArray[np.float32], NDArray[np.float32]],
+) -> None:
+    """Alone, and added to what the colours say."""
+    pose = random_pose(rng)
+    scene = hard_scene(rng, 1, pose, antialiased)
+    base = Parameters.of(scene, pose)
+    _, opacity, depth, decisions = splat(base, CAMERA, antialiased)
+    at = depth_weights(opacity, rng)
+    colours = np.float32(0.02 * with_colours)
+    found, gradients = analytic(scene, pose, *(colours * w for w in weights), at)
+    view = TrainingRasterizer(KernelThreads(1), antialiased).forward(arrays(scene), CAMERA, pose)
+    np.testing.assert_allclose(view.view.depth[opacity > 0.3], depth[opacity > 0.3], rtol=2e-5)
+
+    def loss(parameters: Parameters) -> float:
+        rgb, opacity, depth, _ = splat(parameters, CAMERA, antialiased, decisions)
+        total = np.sum(at.values * depth[at.rows, at.columns])
+        total += np.sum(colours * weights[0] * rgb) + np.sum(colours * weights[1] * opacity)
+        return float(total)
+
+    names = NAMES if with_colours else NAMES[:-1]
+    assert_derivatives(loss, base, found, gradients, names)
+    assert with_colours or not np.any(found["sh"])
 
 
 def test_behind_opaque_gaussians_too(
@@ -141,10 +198,10 @@ def test_behind_opaque_gaussians_too(
     scene = random_scene(rng, 400, 1, opacity=(0.7, 0.98), scale=(0.2, 0.5))
     found, _ = analytic(scene, np.eye(4), *weights)
     base = Parameters.of(scene, np.eye(4))
-    decisions = splat(base, CAMERA, False)[2]
+    decisions = splat(base, CAMERA, False)[3]
 
     def loss(parameters: Parameters) -> float:
-        rgb, opacity, _ = splat(parameters, CAMERA, False, decisions)
+        rgb, opacity, _, _ = splat(parameters, CAMERA, False, decisions)
         return float(np.sum(weights[0] * rgb) + np.sum(weights[1] * opacity))
 
     nearest, last = decisions.order[:4], decisions.order[-1]
@@ -175,8 +232,10 @@ def test_the_number_of_threads_changes_no_bit(
     rng: np.random.Generator, weights: tuple[NDArray[np.float32], NDArray[np.float32]]
 ) -> None:
     scene = random_scene(rng, 9000, 2, scale=(0.01, 0.1))
-    alone, alone_gradients = analytic(scene, np.eye(4), *weights, threads=1)
-    many, many_gradients = analytic(scene, np.eye(4), *weights, threads=3)
+    forward = TrainingRasterizer(KernelThreads(1)).forward(arrays(scene), CAMERA, np.eye(4))
+    at = depth_weights(forward.view.opacity, rng)
+    alone, alone_gradients = analytic(scene, np.eye(4), *weights, at, threads=1)
+    many, many_gradients = analytic(scene, np.eye(4), *weights, at, threads=3)
     for name in NAMES:
         np.testing.assert_array_equal(alone[name], many[name])
     np.testing.assert_array_equal(alone_gradients.pose, many_gradients.pose)

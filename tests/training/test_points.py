@@ -16,6 +16,7 @@ from gscpe.scene import write_image
 pytest.importorskip("numba")
 pytest.importorskip("pycolmap")
 
+from gscpe.training.depth import PointDepths
 from gscpe.training.points import PointCloud, extent_of, first_gaussians, read_colmap_points
 from gscpe.training.settings import TrainingSettings
 from gscpe.training.triangulation import pairs_that_look_alike, triangulated_points
@@ -33,6 +34,11 @@ def test_points_are_triangulated_at_the_known_poses(
     before = {path.name: path.read_bytes() for path in (tmp_path / "model").iterdir()}
     assert read_colmap_points(tmp_path / "model") is None
     cloud = triangulated_points(tmp_path / "model", tmp_path / "photos")
+    for name, indices in zip(poses, cloud.seen_in(list(poses)), strict=True):
+        depths = PointDepths.of(cloud.positions[indices], camera, poses[name])
+        assert len(depths) > 100
+        shown = room().shoot(camera, poses[name]).depth[depths.rows, depths.columns]
+        assert np.median(np.abs(shown - depths.depths)) < 0.01
     in_cam = cloud.positions @ ROOM_POSE[:3, :3].T + ROOM_POSE[:3, 3]
     shot = room().shoot(camera, ROOM_POSE)
     u = camera.fx * in_cam[:, 0] / in_cam[:, 2] + camera.cx
@@ -67,6 +73,16 @@ def test_extent_is_that_of_the_cameras() -> None:
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = (-1.0, 0.0, 1.0)
     assert extent_of(poses) == pytest.approx(1.1)
+
+
+def test_points_of_a_photo_are_found_whatever_the_slashes() -> None:
+    indices = np.array([3, 7])
+    cloud = PointCloud(
+        np.zeros((200, 3)), np.zeros((200, 3), dtype=np.uint8), {"seq\\a.png": indices}
+    )
+    known, unknown = cloud.seen_in(["seq/a.png", "b.png"])
+    np.testing.assert_array_equal(known, indices)
+    assert not len(unknown)
 
 
 def test_bad_points() -> None:
