@@ -6,6 +6,7 @@ how well a splat shows the RedKitchen queries.
 Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py [--splat PLY] [--rounds N]
            [--points N]
        GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py --splat PLY --likeness [--every N]
+       GSCPE_DATA=DATA .venv/bin/python tools/bench_training.py --memory PHOTOS
 
 Iteration and render take turns, with the same Gaussians and the same camera, so that whatever
 else the machine does falls on both; processor seconds, of all cores, hardly depend on that at
@@ -13,7 +14,9 @@ all. The iteration is a whole one: render, loss, gradients, Adam.
 The depths of --points points in each photo are regularized; they are those of the splat itself.
 The render is Renderer(..., "cpu").render, which is given the Gaussians in view by chunks and not
 one by one. PSNR is of renders at the queries' true poses, raw and with a gain and a bias fitted
-for each photo and channel.
+for each photo and channel. --memory trains a little, with a Gaussian at each of the splat's and so
+many photos, the references over and over again, through all that a training does; it tells the most
+memory that was taken.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ import argparse
 import os
 import resource
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -34,8 +38,10 @@ from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.render.kernel_threads import KernelThreads
 from gscpe.scene import Photo, read_image, to_photo
 from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.scene.gaussians import SH_C0
 from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
+from gscpe.training import Progress, train
 from gscpe.training.checkpoint import TrainingState
 from gscpe.training.evaluation import likeness
 from gscpe.training.exposure import Exposures
@@ -54,6 +60,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=3, help=f"through {PHOTOS} photos")
     parser.add_argument("--points", type=int, default=0, help="in each photo (default: none)")
     parser.add_argument("--likeness", action="store_true", help="PSNR of the queries")
+    parser.add_argument("--memory", type=int, metavar="PHOTOS", help="most memory of a training")
     parser.add_argument("--every", type=int, default=4, help="only every N-th query")
     options = parser.parse_args()
     data = Path(os.environ.get("GSCPE_DATA", "")) / "redkitchen"
@@ -63,6 +70,8 @@ def main() -> int:
     scene = read_splat(options.splat or data / "splat.ply")
     if options.likeness:
         show_likeness(scene, data, options.every)
+    elif options.memory:
+        show_memory(scene, data, options.memory)
     else:
         show_times(scene, data, options.rounds, options.points)
     return 0
@@ -107,8 +116,36 @@ def show_times(scene: GaussianScene, data: Path, rounds: int, points: int) -> No
                 f"{render[0]:.0f} | {wall:.2f} | {processor:.2f} |",
                 flush=True,
             )
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(f"at most {peak:.2f} GB of memory (Linux)")
+    print(f"at most {peak_memory():.2f} GB of memory (Linux)")
+
+
+def show_memory(scene: GaussianScene, data: Path, count: int) -> None:
+    """Gigabytes, of half and whole photos, densification, checkpoints and all."""
+    references = read_colmap_references(data / "sparse" / "0", data / "references")
+    chosen = np.arange(count) % len(references)
+    photos = [
+        to_photo(read_image(data / "references" / references.names[i]), references.cameras[i])
+        for i in chosen
+    ]
+    colours = np.clip(255.0 * (0.5 + SH_C0 * scene.sh[:, 0]), 0, 255).astype(np.uint8)
+    points = PointCloud(scene.means.astype(np.float64), colours)
+    settings = TrainingSettings(iterations=50, densify_rounds=5)
+    before = peak_memory()
+    told: list[Progress] = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "checkpoint"
+        poses = references.cam_from_world[chosen]
+        train(photos, poses, points, settings, told.append, file)
+    most = max(progress.gaussians for progress in told)
+    print(
+        f"{count} photos of {photos[0].camera.width}x{photos[0].camera.height}, at most {most} "
+        f"Gaussians: {peak_memory():.2f} GB of memory (Linux), {before:.2f} before the training"
+    )
+
+
+def peak_memory() -> float:
+    """Gigabytes that this program took at most."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 
 
 def times(

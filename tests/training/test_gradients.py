@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Callable, Sequence
+from typing import Any, Callable, Sequence
 
 import numpy as np
 import pytest
@@ -150,7 +150,7 @@ def assert_derivatives(
     np.testing.assert_allclose(gradients.pose, numeric_pose, atol=2e-4 * np.abs(numeric_pose).max())
 
 
-def depth_weights(opacity: NDArray[np.float64], rng: np.random.Generator) -> DepthGradient:
+def depth_weights(opacity: NDArray[Any], rng: np.random.Generator) -> DepthGradient:
     """At some pixels that have a depth; at one of them twice."""
     rows, columns = np.nonzero(opacity > 0.3)
     chosen = rng.permutation(len(rows))[:30]
@@ -175,7 +175,7 @@ def test_depth_against_central_differences(
     _, opacity, depth, decisions = splat(base, CAMERA, antialiased)
     at = depth_weights(opacity, rng)
     colours = np.float32(0.02 * with_colours)
-    found, gradients = analytic(scene, pose, *(colours * w for w in weights), at)
+    found, gradients = analytic(scene, pose, colours * weights[0], colours * weights[1], at)
     view = TrainingRasterizer(KernelThreads(1), antialiased).forward(arrays(scene), CAMERA, pose)
     np.testing.assert_allclose(view.view.depth[opacity > 0.3], depth[opacity > 0.3], rtol=2e-5)
 
