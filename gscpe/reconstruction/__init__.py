@@ -2,7 +2,6 @@
 """Photos or videos put together to a model of a place (structure from motion, by pycolmap)."""
 
 from gscpe.reconstruction.frame import ModelFrame
-from gscpe.reconstruction.masks import mask_path, read_mask
 from gscpe.reconstruction.reconstruct import Reconstruction, reconstruct
 from gscpe.reconstruction.scale import ScaleSource
 from gscpe.reconstruction.settings import ReconstructionSettings
@@ -14,9 +13,7 @@ __all__ = [
     "Reconstruction",
     "ReconstructionSettings",
     "ScaleSource",
-    "mask_path",
     "open_work_folder",
-    "read_mask",
     "reconstruct",
     "sharpness",
 ]

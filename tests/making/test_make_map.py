@@ -56,7 +56,7 @@ def test_photos_become_a_map_in_one_command(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("gscpe.training.train", interrupted)
+        patch.setattr("gscpe.training.from_references.train", interrupted)
         assert main(command) == 130
     assert "go on from here with --resume" in capsys.readouterr().err
     assert main(command) == 2
