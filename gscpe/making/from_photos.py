@@ -12,8 +12,16 @@ from gscpe.making.certificate import Certificate, certify
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.settings import MakeMapSettings
 from gscpe.mapping import MapSettings, build_map
-from gscpe.reconstruction import Reconstruction, ScaleSource, open_work_folder, reconstruct
-from gscpe.reconstruction.known_poses import KnownPoses, fingerprint, known_model
+from gscpe.reconstruction import (
+    KnownPoses,
+    PoseRefinementSettings,
+    Reconstruction,
+    ScaleSource,
+    open_work_folder,
+    reconstruct,
+    refine_known_poses,
+)
+from gscpe.reconstruction.known_poses import fingerprint, known_model
 from gscpe.retrieval import check_method
 from gscpe.scene import References, open_map, read_splat, save_map
 from gscpe.scene.colmap_model import read_colmap_references
@@ -63,6 +71,7 @@ def make_map(
     backend: str = "auto",
     progress: bool = False,
     reconstructed: Callable[[Reconstruction], None] | None = None,
+    refinement: PoseRefinementSettings | None = None,
 ) -> MadeMap:
     """A map of photos or videos: structure from motion, training, and the map's certificate.
 
@@ -80,9 +89,10 @@ def make_map(
         backend: that the certificate's photos are localized with, see :class:`gscpe.Renderer`.
         progress: show bars.
         reconstructed: is told, before the long training, which photos were placed.
+        refinement: how known poses are refined; None: they are taken as they are.
 
     Raises:
-        ReconstructionError: as :func:`gscpe.reconstruct`.
+        ReconstructionError: as :func:`gscpe.reconstruct`, :func:`gscpe.refine_known_poses`.
         ColmapModelError: a known model cannot be read, is of other photos, or has no points
             and none can be triangulated.
         TrainingError: too few photos have a pose.
@@ -99,30 +109,28 @@ def make_map(
     check_method(settings.retrieval)
     check_map_output(output)
     output, work = Path(output).absolute(), work_folder_of(output)
-    open_work_folder(work, _stamp(source, settings, masks), resume, _FINISHED)
+    open_work_folder(work, _stamp(source, settings, masks, refinement), resume, _FINISHED)
+    folder, going_on = work / "model", (work / "model").exists()
     reconstruction = None
-    if isinstance(source, KnownPoses):
-        model, images, unit = (
-            known_model(source, work),
-            source.image_folder,
-            source.metres_per_unit,
-        )
-    else:
+    if not isinstance(source, KnownPoses):
         reconstruction = reconstruct(
-            source,
-            work / "model",
-            settings.reconstruction,
-            scale,
-            masks,
-            resume=(work / "model").exists(),
-            progress=progress,
+            source, folder, settings.reconstruction, scale, masks, going_on, progress
         )
+    elif refinement is not None:
+        reconstruction = refine_known_poses(
+            source, folder, settings.reconstruction, refinement, masks, going_on, progress
+        )
+    if reconstruction is not None:
         if reconstructed is not None:
             reconstructed(reconstruction)
         model, images = reconstruction.model_folder, reconstruction.image_folder
         unit = reconstruction.frame.metres_per_unit
+    else:
+        assert isinstance(source, KnownPoses)
+        model, images = known_model(source, work), source.image_folder
+        unit = source.metres_per_unit
     references = read_colmap_references(model, images)
-    if masks is not None and isinstance(source, KnownPoses):
+    if masks is not None and reconstruction is None:
         check_masks(Path(masks), list(references.names))
     learned, left_out = split_references(references, settings.test_every)
     splat = work / _SPLAT
@@ -193,6 +201,7 @@ def _stamp(
     source: str | Path | Sequence[str | Path] | KnownPoses,
     settings: MakeMapSettings,
     masks: str | Path | None,
+    refinement: PoseRefinementSettings | None,
 ) -> dict[str, Any]:
     """What cannot be changed on the way. Photos and how they are put together are looked at by
     :func:`gscpe.reconstruct`; the minutes may be prolonged."""
@@ -207,4 +216,5 @@ def _stamp(
     if isinstance(source, KnownPoses):
         stamp["photos"] = str(source.image_folder.resolve())
         stamp["poses"] = fingerprint(source)
+        stamp["refinement"] = None if refinement is None else asdict(refinement)
     return stamp

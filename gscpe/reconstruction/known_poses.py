@@ -32,7 +32,7 @@ class KnownPoses:
     colmap: Path | None = None
     poses: Mapping[str, Float64Array] | None = None
     cameras: Mapping[str, Camera] | None = None
-    metres_per_unit: float | None = None
+    metres_per_unit: float | None = 1.0
 
 
 def known_model(source: KnownPoses, work: Path) -> Path:

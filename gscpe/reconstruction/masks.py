@@ -12,7 +12,8 @@ import numpy as np
 from gscpe.arrays import UInt8Array
 from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.photos import PreparedPhoto
-from gscpe.scene.masks import check_masks, mask_path, read_mask
+from gscpe.scene.masks import check_masks, read_mask
+from gscpe.scene.photo_name import named_like
 
 
 def prepare_masks(photos: Sequence[PreparedPhoto], masks: Path, folder: Path) -> None:
@@ -24,7 +25,7 @@ def prepare_masks(photos: Sequence[PreparedPhoto], masks: Path, folder: Path) ->
     """
     check_masks(masks, [photo.name for photo in photos])
     for photo in photos:
-        path = mask_path(masks, photo.name)
+        path = named_like(masks, photo.name)
         mask: UInt8Array = np.full((photo.height, photo.width), 255, dtype=np.uint8)
         if path is not None:
             mask = read_mask(path, photo.width, photo.height).astype(np.uint8) * np.uint8(255)

@@ -10,12 +10,7 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, UInt8Array
 from gscpe.errors import PhotoError
-
-
-def mask_path(folder: Path, name: str) -> Path | None:
-    """The mask of a photo: ``NAME``, ``NAME.png`` or the name with ``.png`` for its ending."""
-    candidates = [folder / name, folder / f"{name}.png", (folder / name).with_suffix(".png")]
-    return next((path for path in candidates if path.is_file()), None)
+from gscpe.scene.photo_name import named_like
 
 
 def read_mask(path: Path, width: int, height: int) -> BoolArray:
@@ -54,7 +49,7 @@ def masked_image(image: UInt8Array, path: Path) -> UInt8Array:
 
 def check_masks(masks: Path, names: list[str]) -> None:
     """Raises PhotoError where a folder has no mask of these photos."""
-    if not any(mask_path(masks, name) for name in names):
+    if not any(named_like(masks, name) for name in names):
         raise PhotoError(
             f"{masks} has no mask of these photos: masks are named like them, for example "
             f"{names[0]}.png, and black where the photo does not count"

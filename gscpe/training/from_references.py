@@ -12,8 +12,9 @@ import numpy as np
 from gscpe.errors import TrainingError
 from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.image_file import read_image_of
-from gscpe.scene.masks import mask_path, masked_image
+from gscpe.scene.masks import masked_image
 from gscpe.scene.photo import Photo, resized_photo, to_photo
+from gscpe.scene.photo_name import named_like
 from gscpe.scene.references import References
 from gscpe.scene.write_splat import write_splat
 from gscpe.training.loop import LEAST_PHOTOS, train
@@ -87,7 +88,7 @@ def read_photos(
         name, camera = references.names[index], references.cameras[index]
         image = read_image_of(folder / name, camera)
         camera.check_fits(image.shape, f"photo {folder / name}")
-        mask = None if masks is None else mask_path(Path(masks), name)
+        mask = None if masks is None else named_like(Path(masks), name)
         photo = to_photo(image if mask is None else masked_image(image, mask), camera)
         scale = max_size / max(photo.camera.width, photo.camera.height)
         photos.append(resized_photo(photo, scale) if scale < 1.0 else photo)
