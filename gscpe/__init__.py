@@ -123,16 +123,19 @@ if TYPE_CHECKING:
     from gscpe.making import Certificate as Certificate
     from gscpe.making import CertificateSettings as CertificateSettings
     from gscpe.making import CertifiedPhoto as CertifiedPhoto
-    from gscpe.making import KnownPoses as KnownPoses
     from gscpe.making import MadeMap as MadeMap
     from gscpe.making import MakeMapSettings as MakeMapSettings
     from gscpe.making import make_map as make_map
     from gscpe.making import read_certificate as read_certificate
+    from gscpe.reconstruction import KnownPoses as KnownPoses
     from gscpe.reconstruction import ModelFrame as ModelFrame
+    from gscpe.reconstruction import PoseRefinementSettings as PoseRefinementSettings
     from gscpe.reconstruction import Reconstruction as Reconstruction
     from gscpe.reconstruction import ReconstructionSettings as ReconstructionSettings
+    from gscpe.reconstruction import RefinedPoses as RefinedPoses
     from gscpe.reconstruction import ScaleSource as ScaleSource
     from gscpe.reconstruction import reconstruct as reconstruct
+    from gscpe.reconstruction import refine_known_poses as refine_known_poses
     from gscpe.report import ReportSettings as ReportSettings
 else:
     # Importing these takes a third as long as all of the rest, and few programs need them.
@@ -144,12 +147,13 @@ else:
         ),
         "gscpe.evaluation": ("Evaluation", "SceneRun", "evaluate"),
         "gscpe.making": (
-            *("Certificate", "CertificateSettings", "CertifiedPhoto", "KnownPoses", "MadeMap"),
+            *("Certificate", "CertificateSettings", "CertifiedPhoto", "MadeMap"),
             *("MakeMapSettings", "make_map", "read_certificate"),
         ),
         "gscpe.reconstruction": (
-            *("ModelFrame", "Reconstruction", "ReconstructionSettings", "ScaleSource"),
-            "reconstruct",
+            *("KnownPoses", "ModelFrame", "PoseRefinementSettings", "Reconstruction"),
+            *("ReconstructionSettings", "RefinedPoses", "ScaleSource", "reconstruct"),
+            "refine_known_poses",
         ),
         "gscpe.report": ("ReportSettings",),
     }
@@ -226,11 +230,13 @@ __all__ = [
     "PoseError",
     "PoseFile",
     "PosePrior",
+    "PoseRefinementSettings",
     "Query",
     "QueryListError",
     "Reconstruction",
     "ReconstructionError",
     "ReconstructionSettings",
+    "RefinedPoses",
     "References",
     "RefinementObserver",
     "RefinementResult",
@@ -281,6 +287,7 @@ __all__ = [
     "read_transform",
     "read_transforms",
     "reconstruct",
+    "refine_known_poses",
     "save_map",
     "scene_from_rgbd",
     "to_photo",

@@ -5,15 +5,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gscpe.cli.common import Commands, add_backend, show_progress
+from gscpe.cli.known_poses import add_known_poses, known_poses, refinement_settings
 from gscpe.cli.reconstruct import add_reconstruction, reconstruction_settings, report_not_placed
-from gscpe.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
-    from gscpe.making import KnownPoses
     from gscpe.reconstruction import Reconstruction
 
 
@@ -23,24 +21,7 @@ def add_parser(commands: Commands) -> None:
         "source", nargs="+", metavar="PHOTOS_OR_VIDEO", help="folder of photos, or videos"
     )
     parser.add_argument("--output", required=True, metavar="MAP", help="map folder to write")
-    known = parser.add_argument_group("where the photos' poses are known")
-    known.add_argument(
-        "--colmap", metavar="MODEL_DIR", help="COLMAP model of the photos, for example sparse/0"
-    )
-    known.add_argument(
-        "--poses", metavar="FILE", help="poses of the photos, in any form that gscpe reads"
-    )
-    known.add_argument(
-        "--cameras",
-        metavar="LIST",
-        help="with --poses: name MODEL width height params, a line each",
-    )
-    known.add_argument(
-        "--metres-per-unit",
-        metavar="METRES",
-        type=float,
-        help="length of a unit of these poses (default: not known)",
-    )
+    add_known_poses(parser, "--refine-poses")
     add_reconstruction(parser)
     long = parser.add_mutually_exclusive_group()
     long.add_argument(
@@ -78,9 +59,10 @@ def run(options: argparse.Namespace) -> int:
         test_every=options.test_every,
         seed=options.seed,
     )
+    refinement = refinement_settings(options) if options.refine_poses else None
     try:
         made = make_map(
-            _known(options) or options.source,
+            known_poses(options) or options.source,
             options.output,
             settings,
             ScaleSource.parse(options.scale_from),
@@ -89,6 +71,7 @@ def run(options: argparse.Namespace) -> int:
             options.backend,
             show_progress(),
             _placed,
+            refinement,
         )
     except KeyboardInterrupt:
         work = work_folder_of(options.output)
@@ -106,30 +89,3 @@ def run(options: argparse.Namespace) -> int:
 def _placed(result: Reconstruction) -> None:
     print(result, flush=True)
     report_not_placed(result)
-
-
-def _known(options: argparse.Namespace) -> KnownPoses | None:
-    """Raises InputError where a pose file or its cameras cannot be read."""
-    from gscpe.making import KnownPoses
-
-    if options.colmap is None and options.poses is None:
-        if options.metres_per_unit is not None or options.cameras is not None:
-            options.parser.error("--metres-per-unit and --cameras go with --colmap or --poses")
-        return None
-    if options.colmap is not None and options.poses is not None:
-        options.parser.error("give --colmap or --poses, not both")
-    if (options.poses is None) != (options.cameras is None):
-        options.parser.error("--poses and --cameras go together")
-    if options.metres_per_unit is not None and not 0 < options.metres_per_unit < float("inf"):
-        raise SettingsError(f"metres per unit must be positive, not {options.metres_per_unit}")
-    folder = Path(options.source[0])
-    if len(options.source) != 1 or not folder.is_dir():
-        raise InputError("photos with known poses are given as one folder")
-    if options.colmap is not None:
-        return KnownPoses(folder, Path(options.colmap), metres_per_unit=options.metres_per_unit)
-    from gscpe.scene.poses import read_pose_file
-    from gscpe.scene.query_list import read_query_list
-
-    cameras = {q.name: q.camera for q in read_query_list(options.cameras, image_folder=folder)}
-    poses = read_pose_file(options.poses).poses
-    return KnownPoses(folder, None, poses, cameras, options.metres_per_unit)

@@ -8,6 +8,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from gscpe.cli.common import Commands, show_progress
+from gscpe.cli.known_poses import add_known_poses, known_poses, refinement_settings
+from gscpe.errors import SettingsError
 
 if TYPE_CHECKING:
     from gscpe.reconstruction import Reconstruction, ReconstructionSettings
@@ -18,7 +20,8 @@ _NAMED = 10
 def add_parser(commands: Commands) -> None:
     parser = commands.add_parser(
         "reconstruct",
-        help="find the poses of photos or of a video's frames (structure from motion)",
+        help="find the poses of photos or of a video's frames (structure from motion), or refine "
+        "poses that are known roughly",
     )
     parser.add_argument(
         "source", nargs="+", metavar="PHOTOS_OR_VIDEO", help="folder of photos, or videos"
@@ -29,9 +32,10 @@ def add_parser(commands: Commands) -> None:
         metavar="FOLDER",
         help="to write: sparse/0, the COLMAP model; images, its photos; reconstruction.json",
     )
+    add_known_poses(parser)
     add_reconstruction(parser)
     parser.add_argument("--resume", action="store_true", help="go on where a run was interrupted")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
 
 
 def add_reconstruction(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +58,9 @@ def add_reconstruction(parser: argparse.ArgumentParser) -> None:
         "--scale-from",
         metavar="WHAT",
         help="where the unit comes from: gps (the photos' EXIF), FILE with known poses of some "
-        "photos, or distance:PHOTO,PHOTO,METRES; else the map's unit is not known",
+        "photos, distance:PHOTO,PHOTO,METRES, or depth:FOLDER of 16-bit depth images, named like "
+        "the photos, in millimetres (depth:FOLDER,5000 where a metre is 5000); else the map's unit "
+        "is not known",
     )
     parser.add_argument(
         "--masks",
@@ -76,24 +82,32 @@ def reconstruction_settings(options: argparse.Namespace) -> ReconstructionSettin
 
 
 def run(options: argparse.Namespace) -> int:
-    from gscpe.reconstruction import ScaleSource, reconstruct
-
     try:
-        result = reconstruct(
-            options.source,
-            options.output,
-            reconstruction_settings(options),
-            ScaleSource.parse(options.scale_from),
-            options.masks,
-            options.resume,
-            show_progress(),
-        )
+        result = _reconstruct(options)
     except KeyboardInterrupt:
         print(f"{options.output}: go on from here with --resume", file=sys.stderr)
         raise
     print(f"{options.output}: {result}")
     report_not_placed(result)
     return 0
+
+
+def _reconstruct(options: argparse.Namespace) -> Reconstruction:
+    from gscpe.reconstruction import ScaleSource, reconstruct, refine_known_poses
+
+    known, settings = known_poses(options), reconstruction_settings(options)
+    scale = ScaleSource.parse(options.scale_from)
+    masks, resume = options.masks, options.resume
+    if known is None:
+        return reconstruct(
+            options.source, options.output, settings, scale, masks, resume, show_progress()
+        )
+    if scale.kind != "unknown":
+        raise SettingsError("known poses have a scale: give --metres-per-unit, and no --scale-from")
+    refinement = refinement_settings(options)
+    return refine_known_poses(
+        known, options.output, settings, refinement, masks, resume, show_progress()
+    )
 
 
 def report_not_placed(result: Reconstruction) -> None:

@@ -45,6 +45,11 @@ def add_parser(commands: Commands) -> None:
         "%(default)s)",
     )
     parser.add_argument(
+        "--masks",
+        metavar="DIR",
+        help="pictures named like the photos (NAME.png), black where these do not count",
+    )
+    parser.add_argument(
         "--test-every",
         metavar="N",
         type=int,
@@ -90,6 +95,7 @@ def run(options: argparse.Namespace) -> int:
                 options.test_every,
                 options.resume,
                 bar,
+                options.masks,
             )
     except KeyboardInterrupt:
         checkpoint = checkpoint_of(Path(options.output))

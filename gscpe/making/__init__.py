@@ -4,8 +4,9 @@
 from gscpe.making.certificate import Certificate, CertifiedPhoto, certify, read_certificate
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.certificate_tables import photo_table, summary_table
-from gscpe.making.from_photos import KnownPoses, MadeMap, make_map, work_folder_of
+from gscpe.making.from_photos import MadeMap, make_map, work_folder_of
 from gscpe.making.settings import CertificateSettings, MakeMapSettings
+from gscpe.reconstruction.known_poses import KnownPoses
 
 __all__ = [
     "Certificate",

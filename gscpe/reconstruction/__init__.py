@@ -2,21 +2,25 @@
 """Photos or videos put together to a model of a place (structure from motion, by pycolmap)."""
 
 from gscpe.reconstruction.frame import ModelFrame
-from gscpe.reconstruction.masks import mask_path, read_mask
-from gscpe.reconstruction.reconstruct import Reconstruction, reconstruct
+from gscpe.reconstruction.known_poses import KnownPoses
+from gscpe.reconstruction.reconstruct import reconstruct
+from gscpe.reconstruction.refine_poses import refine_known_poses
+from gscpe.reconstruction.result import Reconstruction, RefinedPoses
 from gscpe.reconstruction.scale import ScaleSource
-from gscpe.reconstruction.settings import ReconstructionSettings
+from gscpe.reconstruction.settings import PoseRefinementSettings, ReconstructionSettings
 from gscpe.reconstruction.sharpness import sharpness
 from gscpe.reconstruction.work_folder import open_work_folder
 
 __all__ = [
+    "KnownPoses",
     "ModelFrame",
+    "PoseRefinementSettings",
     "Reconstruction",
     "ReconstructionSettings",
+    "RefinedPoses",
     "ScaleSource",
-    "mask_path",
     "open_work_folder",
-    "read_mask",
     "reconstruct",
+    "refine_known_poses",
     "sharpness",
 ]

@@ -55,7 +55,7 @@ def extract(
     options.num_threads = cores
     options.sift.max_num_features = settings.max_features
     done: dict[str, int] = {}
-    with _reported("features cannot be extracted", database):
+    with reported("features cannot be extracted", database):
         with pycolmap.Database.open(database) as stored:
             for image in stored.read_all_images():
                 if stored.exists_keypoints(image.image_id):  # and not killed before
@@ -115,7 +115,7 @@ def match(
     pycolmap = require_pycolmap()
     options = pycolmap.FeatureMatchingOptions()
     options.num_threads = available_cores()
-    with _reported("photos cannot be matched", database):
+    with reported("photos cannot be matched", database):
         with pycolmap.Database.open(database) as stored:
             ids = {image.name: image.image_id for image in stored.read_all_images()}
             todo = [
@@ -157,7 +157,7 @@ def place(
     options.num_threads = available_cores()
     options.random_seed = settings.seed
     options.min_model_size = _LEAST_MODEL
-    with _reported("photos cannot be placed", database):
+    with reported("photos cannot be placed", database):
         models_folder.mkdir(parents=True, exist_ok=True)
         bar = tqdm(total=photos, desc="placing photos", unit="photo", disable=not progress)
         with bar:
@@ -194,8 +194,13 @@ def _batches(items: Sequence[tuple[str, str]], size: int) -> Iterator[tuple[tupl
 
 
 @contextmanager
-def _reported(what: str, database: Path) -> Iterator[None]:
-    """pycolmap keeps quiet meanwhile; its plain errors become ours."""
+def reported(what: str, database: Path) -> Iterator[None]:
+    """pycolmap keeps quiet meanwhile; its plain errors become ours.
+
+    Args:
+        what: cannot be done then.
+        database: that is worked with.
+    """
     pycolmap = require_pycolmap()
     logged = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = 3  # it would tell of each photo

@@ -12,6 +12,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.geometry.up import common_up
+from gscpe.reconstruction.depth_scale import scaled_by_depth
 from gscpe.reconstruction.scale import (
     ScaleSource,
     scaled_by_distance,
@@ -45,24 +46,28 @@ def settle_frame(
     longer extent of their positions (GPS: east), and the origin is the median of the points.
 
     Raises:
-        ReconstructionError: as :mod:`gscpe.reconstruction.scale`.
+        ReconstructionError: as :mod:`gscpe.reconstruction.scale` and ``depth_scale``.
     """
     poses = poses_of(model)
     if source.kind == "poses":
         assert source.poses is not None
-        _move(model, scaled_like_poses(poses, source.poses))
+        move_model(model, scaled_like_poses(poses, source.poses))
         return ModelFrame(1.0, None)
     up = common_up(np.stack(list(poses.values())))
     points = np.array([point.xyz for point in model.points3D.values()])
-    _move(model, levelled(np.stack(list(poses.values())), points, up))
+    move_model(model, levelled(np.stack(list(poses.values())), points, up))
     is_up = None if up is None else (0.0, 0.0, 1.0)
     poses = poses_of(model)
     if source.kind == "gps":
         moved, origin = scaled_like_gps(poses, gps)
-        _move(model, moved)
+        move_model(model, moved)
         return ModelFrame(1.0, is_up, origin)
     if source.kind == "distance":
-        _move(model, scaled_by_distance(poses, source))
+        move_model(model, scaled_by_distance(poses, source))
+        return ModelFrame(1.0, is_up)
+    if source.kind == "depth":
+        assert source.depth is not None
+        move_model(model, scaled_by_depth(model, source.depth, source.per_metre))
         return ModelFrame(1.0, is_up)
     return ModelFrame(None, is_up)
 
@@ -98,7 +103,8 @@ def poses_of(model: Any) -> dict[str, Float64Array]:
     return poses
 
 
-def _move(model: Any, moved: Similarity) -> None:
+def move_model(model: Any, moved: Similarity) -> None:
+    """Moves a pycolmap.Reconstruction."""
     import pycolmap
 
     model.transform(

@@ -122,15 +122,36 @@ def write_prepared(path: Path, photos: list[PreparedPhoto], unusable: dict[str, 
         path.write_text(json.dumps(stored, indent=1), encoding="utf-8")
 
 
-def _prepare_photo(name: str, path: Path, folder: Path, max_size: int) -> PreparedPhoto:
-    image = read_image(path, upright=True)[:, :, :3]
-    height, width = image.shape[:2]
+def write_photo(
+    image: UInt8Array, path: Path, name: str, folder: Path, max_size: int
+) -> tuple[str, UInt8Array]:
+    """Writes a photo for others to read who know neither HEIC nor EXIF.
+
+    Args:
+        image: (H, W, 3), turned as it is to be.
+        path: where it was read from; a JPEG that needs no change is copied.
+        name: to write, in ``folder``.
+        max_size: longer side, pixels.
+
+    Returns:
+        The name, with another ending where it must be, and the photo as it was written.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
     small = _shrunk(image, max_size)
     ending = path.suffix.lower()
     if ending not in _WRITABLE:
         name = f"{name}.jpg"
     as_it_is = small is image and ending in _KEPT_AS_THEY_ARE and exif_orientation(path) == 1
     _write(folder / name, path.read_bytes() if as_it_is else _encoded(small, name))
+    return name, small
+
+
+def _prepare_photo(name: str, path: Path, folder: Path, max_size: int) -> PreparedPhoto:
+    image = read_image(path, upright=True)[:, :, :3]
+    height, width = image.shape[:2]
+    name, small = write_photo(image, path, name, folder, max_size)
     guess = camera_from_exif(path, upright=True)
     focal = None if guess is None else guess.fx * small.shape[1] / width
     exif = exif_of(path)

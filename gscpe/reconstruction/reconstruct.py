@@ -4,20 +4,17 @@
 from __future__ import annotations
 
 import json
-import logging
 import shutil
-import time
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Iterator, Mapping, Sequence
+from typing import Mapping, Sequence
 
 import numpy as np
 
 from gscpe.errors import ReconstructionError
 from gscpe.reconstruction import colmap
 from gscpe.reconstruction.disk import require_space, when_full
-from gscpe.reconstruction.frame import ModelFrame, poses_of, settle_frame
+from gscpe.reconstruction.frame import poses_of, settle_frame
 from gscpe.reconstruction.masks import prepare_masks
 from gscpe.reconstruction.pairs import choose_pairs
 from gscpe.reconstruction.photos import (
@@ -26,53 +23,21 @@ from gscpe.reconstruction.photos import (
     read_prepared,
     write_prepared,
 )
+from gscpe.reconstruction.result import (
+    BYTES_A_PHOTO,
+    FEW_FEATURES,
+    RESULT,
+    Clock,
+    Reconstruction,
+    why_not_placed,
+    write_result,
+)
 from gscpe.reconstruction.scale import ScaleSource
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.reconstruction.sources import Source, find_source
 from gscpe.reconstruction.work_folder import open_work_folder
 
-_log = logging.getLogger(__name__)
-
-_RESULT = "reconstruction.json"
-_BYTES_A_PHOTO = 4_000_000  # features, and matches with thirty others
 _LEAST_PHOTOS = 3
-_FEW_FEATURES = 100
-
-
-@dataclass(frozen=True)
-class Reconstruction:
-    """What came of photos that were put together.
-
-    Attributes:
-        model_folder: COLMAP model, with points.
-        image_folder: the photos that it is of: upright, and not larger than asked for.
-        placed: names of the photos that have a pose.
-        not_placed: why the others have none, by name.
-        other_models: names of photos that hang together, but not with those that were placed.
-        points: their number.
-        error: mean distance of the points' images from the features, pixels.
-        frame: unit and axes of the model.
-        seconds: by step.
-    """
-
-    model_folder: Path
-    image_folder: Path
-    placed: tuple[str, ...]
-    not_placed: Mapping[str, str]
-    other_models: tuple[tuple[str, ...], ...]
-    points: int
-    error: float
-    frame: ModelFrame
-    seconds: Mapping[str, float] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        count = len(self.placed) + len(self.not_placed)
-        unit = self.frame.metres_per_unit
-        length = "of unknown length" if unit is None else f"= {unit:g} m"
-        return (
-            f"{len(self.placed)} of {count} photos placed, {self.points} points, "
-            f"{self.error:.2f} px, 1 unit {length}"
-        )
 
 
 def reconstruct(
@@ -116,8 +81,8 @@ def reconstruct(
         "settings": asdict(settings),
         "masks": None if masks is None else str(Path(masks).resolve()),
     }
-    open_work_folder(folder, stamp, resume, _RESULT)
-    clock = _Clock()
+    open_work_folder(folder, stamp, resume, RESULT)
+    clock = Clock()
     images, database, models = folder / "images", folder / "database.db", folder / "models"
     photos, unusable = _prepared(found, folder, settings, clock, progress)
     mask_folder = None
@@ -127,7 +92,7 @@ def reconstruct(
     done = models / "done.json"
     if not done.exists():
         if not database.exists():
-            require_space(folder, _BYTES_A_PHOTO * len(photos))
+            require_space(folder, BYTES_A_PHOTO * len(photos))
         with clock.step("features"):
             colmap.extract(database, photos, images, mask_folder, settings, progress)
         with clock.step("matching"):
@@ -163,7 +128,7 @@ def reconstruct(
         model_folder=sparse,
         image_folder=images,
         placed=placed_names,
-        not_placed=_not_placed(
+        not_placed=why_not_placed(
             photos, unusable, set(placed_names), apart, features, shared, settings
         ),
         other_models=tuple(names for names in apart if names),
@@ -172,7 +137,7 @@ def reconstruct(
         frame=frame,
         seconds=clock.seconds,
     )
-    _write_result(folder / _RESULT, result)
+    write_result(folder / RESULT, result)
     return result
 
 
@@ -180,7 +145,7 @@ def _prepared(
     source: Source,
     folder: Path,
     settings: ReconstructionSettings,
-    clock: _Clock,
+    clock: Clock,
     progress: bool,
 ) -> tuple[list[PreparedPhoto], dict[str, str]]:
     listed = folder / "photos.json"
@@ -192,45 +157,11 @@ def _prepared(
     return photos, unusable
 
 
-def _not_placed(
-    photos: Sequence[PreparedPhoto],
-    unusable: Mapping[str, str],
-    placed: set[str],
-    others: Sequence[Sequence[str]],
-    features: Mapping[str, int],
-    shared: Mapping[str, int],
-    settings: ReconstructionSettings,
-) -> dict[str, str]:
-    """Why, by name."""
-    reasons = dict(unusable)
-    elsewhere = {name: len(names) for names in others for name in names}
-    for photo in photos:
-        name = photo.name
-        if name in placed:
-            continue
-        if name in elsewhere:
-            reasons[name] = (
-                f"is one of {elsewhere[name]} photos that hang together among themselves alone: "
-                "photos between them and the others are missing"
-            )
-        elif photo.sharpness < settings.min_sharpness:
-            reasons[name] = "is blurred"
-        elif features.get(name, 0) < _FEW_FEATURES:
-            reasons[name] = f"has hardly any features ({features.get(name, 0)}): blank, or too dark"
-        elif not shared.get(name, 0):
-            reasons[name] = "shows nothing that another photo shows too"
-        else:
-            reasons[name] = (
-                f"shares something with {shared[name]} others, but not enough to tell its pose"
-            )
-    return dict(sorted(reasons.items()))
-
-
 def _why_none(
     photos: Sequence[PreparedPhoto], features: Mapping[str, int], shared: Mapping[str, int]
 ) -> str:
     """Why no model came of the photos, and what to do."""
-    if np.median([features.get(photo.name, 0) for photo in photos]) < _FEW_FEATURES:
+    if np.median([features.get(photo.name, 0) for photo in photos]) < FEW_FEATURES:
         return (
             f"the {len(photos)} photos have hardly any features: they are blank, dark or blurred. "
             "Take them in more light, of things with texture"
@@ -245,23 +176,3 @@ def _why_none(
         f"{overlapping} of {len(photos)} photos overlap, but their poses cannot be told: were they "
         "all taken from one spot? Step sideways between two photos, do not only turn"
     )
-
-
-def _write_result(path: Path, result: Reconstruction) -> None:
-    data: dict[str, Any] = asdict(result)
-    for name in ("model_folder", "image_folder"):
-        data[name] = str(getattr(result, name).relative_to(path.parent))
-    with when_full(path):
-        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-
-
-class _Clock:
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = round(time.perf_counter() - begin, 2)
-        _log.info("%s: %.1f s", name, self.seconds[name])

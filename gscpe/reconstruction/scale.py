@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tells how large a model is, and where: nothing, GPS, known poses, or a known distance."""
+"""What tells how large a model is, and where: nothing, GPS, known poses, a known distance, or
+depth images."""
 
 from __future__ import annotations
 
@@ -27,21 +28,26 @@ class ScaleSource:
     """Where a model's unit comes from; see :meth:`parse`.
 
     Attributes:
-        kind: "unknown", "gps", "poses" or "distance".
+        kind: "unknown", "gps", "poses", "distance" or "depth".
         poses: file of known poses.
         between: two photos whose distance is known, ...
         metres: ... and how far apart they were taken.
+        depth: folder of depth images, ...
+        per_metre: ... and what a metre is in them.
     """
 
     kind: str = "unknown"
     poses: Path | None = None
     between: tuple[str, str] = ("", "")
     metres: float = 0.0
+    depth: Path | None = None
+    per_metre: float = 1000.0
 
     @classmethod
     def parse(cls, text: str | None) -> ScaleSource:
-        """Of ``unknown``, ``gps`` (of the photos' EXIF), ``distance:PHOTO,PHOTO,METRES``, or the
-        path of a file with known poses of some of the photos.
+        """Of ``unknown``, ``gps`` (of the photos' EXIF), ``distance:PHOTO,PHOTO,METRES``,
+        ``depth:FOLDER`` (of depth images in millimetres; ``depth:FOLDER,5000`` where a metre is
+        5000), or the path of a file with known poses of some of the photos.
 
         Raises:
             SettingsError: it is none of these.
@@ -51,6 +57,8 @@ class ScaleSource:
         assert text is not None
         if text == "gps":
             return cls("gps")
+        if text.startswith("depth:"):
+            return cls._of_depth(text)
         if text.startswith("distance:"):
             parts = [part.strip() for part in text.removeprefix("distance:").split(",")]
             try:
@@ -66,9 +74,28 @@ class ScaleSource:
         if not Path(text).is_file():
             raise SettingsError(
                 f"there is no file of known poses {text}; a scale is from gps, "
-                "distance:PHOTO,PHOTO,METRES, or such a file"
+                "distance:PHOTO,PHOTO,METRES, depth:FOLDER, or such a file"
             )
         return cls("poses", poses=Path(text))
+
+    @classmethod
+    def _of_depth(cls, text: str) -> ScaleSource:
+        folder, per_metre = Path(text.removeprefix("depth:")), 1000.0
+        name, comma, number = str(folder).rpartition(",")
+        if comma and not folder.is_dir():  # a folder's name may have a comma
+            folder = Path(name)
+            try:
+                per_metre = float(number)
+            except ValueError:
+                per_metre = 0.0
+        if not 0 < per_metre < np.inf:
+            raise SettingsError(
+                f"{text!r} is not of the form depth:FOLDER or depth:FOLDER,PER_METRE, for example "
+                "depth:depth,5000"
+            )
+        if not folder.is_dir():
+            raise SettingsError(f"there is no folder of depth images {folder}")
+        return cls("depth", depth=folder, per_metre=per_metre)
 
 
 def scaled_like_poses(cam_from_world: Mapping[str, Float64Array], path: Path) -> Similarity:

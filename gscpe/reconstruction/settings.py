@@ -49,3 +49,39 @@ class ReconstructionSettings:
             raise SettingsError(f"at least 100 features are needed, not {self.max_features}")
         if self.seed < 0:
             raise SettingsError(f"seed must be 0 or more, not {self.seed}")
+
+
+@dataclass(frozen=True)
+class PoseRefinementSettings:
+    """How known poses are refined.
+
+    Attributes:
+        first_error: how far points may be from their features at first, as a share of the photos'
+            longer side, ...
+        last_error: ... and at the end.
+        rounds: at most; it ends where nothing moves any more.
+        least_points: that a photo must see; with fewer, its pose is not refined.
+        least_agreement: share of a photo's matches that must agree with its pose at the end.
+        least_fit: share of all matches that must agree with the given poses within ``first_error``;
+            with fewer, the poses are not these photos'.
+        refine_focal_length: of the cameras, too.
+
+    Raises:
+        SettingsError: a value is out of its range.
+    """
+
+    first_error: float = 0.02
+    last_error: float = 0.004
+    rounds: int = 8
+    least_points: int = 30
+    least_agreement: float = 0.3
+    least_fit: float = 0.5
+    refine_focal_length: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.last_error <= self.first_error < 1:
+            raise SettingsError("errors are positive, and the last not above the first")
+        if self.rounds < 1 or self.least_points < 4:
+            raise SettingsError("at least one round and four points a photo are needed")
+        if not (0 <= self.least_agreement <= 1 and 0 <= self.least_fit <= 1):
+            raise SettingsError("shares lie in [0, 1]")

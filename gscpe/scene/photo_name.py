@@ -65,3 +65,10 @@ def is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def named_like(folder: Path, name: str) -> Path | None:
+    """The picture in another folder that belongs to a photo, a mask for example: ``NAME``,
+    ``NAME.png`` or the name with ``.png`` for its ending."""
+    candidates = [folder / name, folder / f"{name}.png", (folder / name).with_suffix(".png")]
+    return next((path for path in candidates if path.is_file()), None)

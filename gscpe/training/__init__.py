@@ -9,7 +9,14 @@ if importlib.util.find_spec("numba") is None:
     raise MissingDependencyError("training needs Numba: pip install 'gscpe[cpu]'")
 
 from gscpe.training.evaluation import Likeness, likeness
-from gscpe.training.from_colmap import TrainedSplat, checkpoint_of, train_from_colmap
+from gscpe.training.from_colmap import TrainedSplat, train_from_colmap
+from gscpe.training.from_references import (
+    checkpoint_of,
+    first_points,
+    read_photos,
+    split_references,
+    train_references,
+)
 from gscpe.training.loop import train
 from gscpe.training.points import PointCloud, read_colmap_points
 from gscpe.training.progress import Progress, ProgressBar
@@ -24,9 +31,13 @@ __all__ = [
     "TrainedSplat",
     "TrainingSettings",
     "checkpoint_of",
+    "first_points",
     "likeness",
     "read_colmap_points",
+    "read_photos",
+    "split_references",
     "train",
     "train_from_colmap",
+    "train_references",
     "triangulated_points",
 ]

@@ -3,26 +3,24 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gscpe.errors import OutputError, SettingsError, TrainingError
+from gscpe.errors import OutputError, SettingsError
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.image_file import read_image_of
-from gscpe.scene.photo import Photo, resized_photo, to_photo
-from gscpe.scene.references import References
-from gscpe.scene.write_splat import write_splat
+from gscpe.scene.masks import check_masks
 from gscpe.training.evaluation import Likeness, likeness
-from gscpe.training.loop import LEAST_PHOTOS, train
-from gscpe.training.points import read_colmap_points
+from gscpe.training.from_references import (
+    checkpoint_of,
+    first_points,
+    read_photos,
+    split_references,
+    train_references,
+)
 from gscpe.training.progress import Listener, Progress
 from gscpe.training.settings import TrainingSettings
-from gscpe.training.triangulation import triangulated_points
-
-_log = logging.getLogger(__name__)
 
 _MOST_EVALUATED = 50
 
@@ -46,11 +44,6 @@ class TrainedSplat:
     likeness: Likeness
 
 
-def checkpoint_of(output: Path) -> Path:
-    """The checkpoint beside a splat that is being trained."""
-    return output.with_name(output.name + ".checkpoint")
-
-
 def train_from_colmap(
     model_folder: str | Path,
     image_folder: str | Path,
@@ -60,6 +53,7 @@ def train_from_colmap(
     test_every: int = 0,
     resume: bool = False,
     progress: Listener | None = None,
+    masks: str | Path | None = None,
 ) -> TrainedSplat:
     """Trains a splat on the registered photos of a COLMAP model and writes it.
 
@@ -76,11 +70,13 @@ def train_from_colmap(
             what it has not seen; 0 for none.
         resume: go on from the checkpoint.
         progress: is told of every iteration.
+        masks: folder of pictures named like the photos, black where these do not count.
 
     Raises:
         ColmapModelError: the model cannot be read, is of other photos, or has no points
             and none can be triangulated.
-        PhotoError, CameraError: a photo cannot be read, or is of another size than in the model.
+        PhotoError, CameraError: a photo or its mask cannot be read, or is of another size than in
+            the model; there are no masks of these photos.
         TrainingError: too few photos; the checkpoint does not fit.
         SettingsError: max_size or test_every is out of its range.
         OutputError: checkpoint or splat cannot be written; a checkpoint is in the way.
@@ -98,19 +94,11 @@ def train_from_colmap(
             f"{checkpoint} belongs to an interrupted training: continue with --resume, or delete it"
         )
     references = read_colmap_references(model_folder, image_folder)
-    test = [i for i in range(len(references)) if test_every and i % test_every == 0]
-    learn = [i for i in range(len(references)) if not test_every or i % test_every]
-    if len(learn) < LEAST_PHOTOS:
-        raise TrainingError(
-            f"{model_folder} has {len(references)} photos with a pose, of which {len(learn)} can "
-            f"be trained on; at least {LEAST_PHOTOS} are needed"
-        )
-    points = read_colmap_points(model_folder)
-    if points is None:
-        _log.warning("%s has too few points: triangulating some", model_folder)
-        points = triangulated_points(model_folder, image_folder)
-    photos = [_photo(references, i, Path(image_folder), max_size) for i in learn]
-    poses = references.cam_from_world
+    learned, left_out = split_references(references, test_every)
+    if masks is not None:
+        check_masks(Path(masks), list(references.names))
+    points = first_points(model_folder, image_folder)
+    photos = read_photos(learned, image_folder, max_size, masks)
     last: list[Progress] = []
 
     def tell(news: Progress) -> None:
@@ -118,25 +106,13 @@ def train_from_colmap(
         if progress is not None:
             progress(news)
 
-    depths = points.seen_in([references.names[i] for i in learn])
-    scene = train(photos, poses[learn], points, settings, tell, checkpoint, resume, seen=depths)
-    write_splat(scene, output)
-    checkpoint.unlink()
-    if test:
-        seen = [_photo(references, i, Path(image_folder), max_size) for i in test]
-        alike = likeness(scene, seen, poses[test])
+    settings = settings or TrainingSettings()
+    scene = train_references(learned, photos, points, output, settings, resume, tell)
+    if len(left_out):
+        seen = read_photos(left_out, image_folder, max_size, masks)
+        alike = likeness(scene, seen, left_out.cam_from_world)
     else:
-        some = np.linspace(0, len(learn) - 1, min(len(learn), _MOST_EVALUATED)).astype(int)
-        alike = likeness(scene, [photos[i] for i in some], poses[learn][some])
+        some = np.linspace(0, len(learned) - 1, min(len(learned), _MOST_EVALUATED)).astype(int)
+        alike = likeness(scene, [photos[i] for i in some], learned.cam_from_world[some])
     iterations = last[0].iteration if last else 0
-    return TrainedSplat(len(scene), iterations, len(learn), len(test), alike)
-
-
-def _photo(references: References, index: int, folder: Path, max_size: int) -> Photo:
-    path = folder / references.names[index]
-    camera = references.cameras[index]
-    image = read_image_of(path, camera)
-    camera.check_fits(image.shape, f"photo {path}")
-    photo = to_photo(image, camera)
-    scale = max_size / max(camera.width, camera.height)
-    return resized_photo(photo, scale) if scale < 1.0 else photo
+    return TrainedSplat(len(scene), iterations, len(learned), len(left_out), alike)

@@ -20,7 +20,7 @@ from gscpe.making import (
     read_certificate,
     work_folder_of,
 )
-from gscpe.reconstruction import ScaleSource
+from gscpe.reconstruction import PoseRefinementSettings, ScaleSource
 from gscpe.scene import open_map
 from gscpe.scene.poses import write_pose_file
 
@@ -56,7 +56,7 @@ def test_photos_become_a_map_in_one_command(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("gscpe.training.train", interrupted)
+        patch.setattr("gscpe.training.from_references.train", interrupted)
         assert main(command) == 130
     assert "go on from here with --resume" in capsys.readouterr().err
     assert main(command) == 2
@@ -96,6 +96,13 @@ def test_known_poses(photos: tuple[Path, dict[str, NDArray[np.float64]]], tmp_pa
     map_ = open_map(made.folder)
     assert map_.metres_per_unit == 0.5
     np.testing.assert_allclose(map_.world_references.cam_from_world[2], upright["IMG_0002.jpg"])
+
+    refined = make_map(
+        source, tmp_path / "refined.gsmap", settings, refinement=PoseRefinementSettings()
+    )
+    assert refined.reconstruction is not None and refined.reconstruction.refined is not None
+    assert refined.references == len(refined.reconstruction.placed) == len(upright)
+    assert open_map(refined.folder).metres_per_unit == 0.5
 
     with pytest.raises(SettingsError, match="metres_per_unit"):
         make_map(source, tmp_path / "b.gsmap", settings, ScaleSource("gps"))
@@ -138,6 +145,9 @@ def test_outputs_that_are_something_else(
         (["--colmap", "m", "--poses", "p"], "not both"),
         (["--poses", "p"], "go together"),
         (["--metres-per-unit", "2"], "go with"),
+        (["--unknown-scale"], "go with"),
+        (["--refine-poses"], "only known poses are refined"),
+        (["--colmap", "m", "--refine-focal-length"], "goes with --refine-poses"),
         (["--test-every", "1"], "test_every"),
         (["--scale-from", "nothing.txt"], "no file of known poses"),
         ([], "no folder of photos"),

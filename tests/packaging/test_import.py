@@ -19,3 +19,12 @@ def test_import_is_light() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_opencv_is_there_before_pycolmap() -> None:
+    """pycolmap 4.2.1, imported before them, damages the heap when OpenCV writes a PNG."""
+    program = "import sys, gscpe; print([m for m in ('numpy', 'cv2') if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "['numpy', 'cv2']"

@@ -107,6 +107,43 @@ def test_resuming_does_nothing_again_and_may_change_the_unit(walk: Walk) -> None
         reconstruct(walk.photos, walk.folder, scale=ScaleSource("gps"), resume=True)
 
 
+def test_the_unit_of_depth_images(walk: Walk, tmp_path: Path) -> None:
+    """Half as large as the photos, in parts of 1/5000 m, with holes; then they do not belong."""
+    names = ("IMG_0001.jpg", "IMG_0003.jpg", "IMG_0006.jpg")
+    for i, name in enumerate(names):
+        depth = room().shoot(WALK_CAMERA, walk.poses[name]).depth[::2, ::2]
+        stored = np.rint(5000 * np.nan_to_num(depth, posinf=0.0)).astype(np.uint16)
+        stored[:10] = (0, 65535, 0)[i]
+        cv2.imwrite(str(tmp_path / Path(name).with_suffix(".png")), stored)
+    scale = ScaleSource.parse(f"depth:{tmp_path},5000")
+    again = reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+    assert again.frame.metres_per_unit == 1.0
+    references = read_colmap_references(again.model_folder, again.image_folder)
+    ours, truth = (
+        np.linalg.norm(np.ptp(centres(poses)[[0, -1]], axis=0))
+        for poses in (references.cam_from_world, [walk.poses[name] for name in references.names])
+    )
+    assert ours == pytest.approx(truth, rel=0.02)
+
+    for name in names:
+        blocks = np.random.default_rng(0).uniform(200, 60000, (9, 12)).astype(np.uint16)
+        noise = np.kron(blocks, np.ones((20, 20), np.uint16))
+        cv2.imwrite(str(tmp_path / Path(name).with_suffix(".png")), noise)
+    with pytest.raises(ReconstructionError, match="do not fit the model"):
+        reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+    colours = np.zeros((90, 120, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "IMG_0001.png"), colours)
+    with pytest.raises(ReconstructionError, match="16 bits"):
+        reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+    cv2.imwrite(str(tmp_path / "IMG_0001.png"), np.zeros((120, 90), np.uint16))
+    with pytest.raises(ReconstructionError, match="shapes differ"):
+        reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+    for name in names:
+        (tmp_path / Path(name).with_suffix(".png")).unlink()
+    with pytest.raises(ReconstructionError, match=r"no depth image.*IMG_0000.png"):
+        reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+
+
 def test_too_few_photos(tmp_path: Path) -> None:
     write_walk(tmp_path / "photos", 2)
     with pytest.raises(ReconstructionError, match="2 usable photos are too few"):

@@ -129,6 +129,16 @@ def test_known_poses_that_do_not_tell(tmp_path: Path) -> None:
         scaled_like_poses(poses, path)
 
 
+def test_depth_images(tmp_path: Path) -> None:
+    assert ScaleSource.parse(f"depth:{tmp_path}") == ScaleSource("depth", depth=tmp_path)
+    (tmp_path / "a,b").mkdir()
+    assert ScaleSource.parse(f"depth:{tmp_path / 'a,b'},5000").per_metre == 5000
+    assert ScaleSource.parse(f"depth:{tmp_path / 'a,b'}").depth == tmp_path / "a,b"
+    for text in (f"depth:{tmp_path},much", f"depth:{tmp_path},-1", f"depth:{tmp_path}/none"):
+        with pytest.raises(SettingsError, match="depth"):
+            ScaleSource.parse(text)
+
+
 @pytest.mark.parametrize(
     "text", ["distance:a,b", "distance:a,a,1", "distance:a,b,-1", "nothing.txt"]
 )

@@ -15,7 +15,7 @@ from scenes import write_colmap_model
 from test_train import shots
 
 from gscpe.cli.main import main
-from gscpe.scene import read_splat, write_image
+from gscpe.scene import read_image, read_splat, write_image
 from gscpe.training.trainer import Trainer
 
 
@@ -58,6 +58,33 @@ def test_from_a_model_to_a_splat(folder: Path, capsys: pytest.CaptureFixture[str
     first = (folder / "room.ply").read_bytes()
     assert train(folder, "--test-every", "5") == 0
     assert (folder / "room.ply").read_bytes() == first
+
+
+def test_masks_leave_things_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is masked is neither learned nor counted: another picture there changes nothing."""
+    mask = np.full((*read_image(folder / "photos" / "1.png").shape[:2], 3), 255, dtype=np.uint8)
+    mask[:, :20] = 0
+    for i in range(10):
+        write_image(folder / "masks" / f"{i}.png", mask)
+    masked = "--masks", str(folder / "masks"), "--test-every", "5"
+    assert train(folder, *masked) == 0
+    first, said = (folder / "room.ply").read_bytes(), capsys.readouterr().out
+    for i in range(10):
+        image = read_image(folder / "photos" / f"{i}.png").copy()
+        image[:, :20] = (255, 0, 200)
+        write_image(folder / "photos" / f"{i}.png", image)
+    assert train(folder, *masked) == 0
+    assert (folder / "room.ply").read_bytes() == first
+    assert capsys.readouterr().out == said
+    assert train(folder, "--test-every", "5") == 0
+    assert (folder / "room.ply").read_bytes() != first
+
+    (folder / "room.ply").unlink()
+    write_image(folder / "masks" / "3.png", np.zeros_like(mask))
+    assert train(folder, *masked) == 2
+    assert "black everywhere" in capsys.readouterr().err
+    assert train(folder, "--masks", str(folder / "model")) == 2
+    assert "no mask of these photos" in capsys.readouterr().err
 
 
 def test_interrupted_and_resumed(
@@ -113,4 +140,4 @@ def test_bad_input(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "are not in" in told()
     poses = folder / "model" / "images.txt"
     poses.write_text("\n".join(poses.read_text().splitlines()[:5]) + "\n")
-    assert "2 photos with a pose" in told("--test-every", "0")
+    assert "2 photos have a pose" in told("--test-every", "0")

@@ -11,6 +11,7 @@ from scenes import ROOM_POSE, room, room_camera, write_colmap_model
 
 from gscpe.errors import ColmapModelError
 from gscpe.geometry import se3
+from gscpe.geometry.neighbours import pairs_by_pose
 from gscpe.scene import write_image
 
 pytest.importorskip("numba")
@@ -19,7 +20,7 @@ pytest.importorskip("pycolmap")
 from gscpe.training.depth import PointDepths
 from gscpe.training.points import PointCloud, extent_of, first_gaussians, read_colmap_points
 from gscpe.training.settings import TrainingSettings
-from gscpe.training.triangulation import pairs_that_look_alike, triangulated_points
+from gscpe.training.triangulation import triangulated_points
 
 
 def test_points_are_triangulated_at_the_known_poses(
@@ -55,7 +56,7 @@ def test_points_are_triangulated_at_the_known_poses(
 def test_photos_that_look_elsewhere_are_not_paired() -> None:
     back = se3.exp([0, 0, 0, 0, np.pi, 0])
     poses = np.stack([np.eye(4), se3.exp([0.1, 0, 0, 0, 0.1, 0]), back, back])
-    assert pairs_that_look_alike(poses) == [(0, 1), (2, 3)]
+    assert pairs_by_pose(poses, range(12)) == [(0, 1), (2, 3)]
 
 
 def test_first_gaussians_are_as_wide_as_their_neighbours_are_away() -> None:

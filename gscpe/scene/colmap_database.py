@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Known cameras and poses put into what pycolmap has found of photos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Iterable, Mapping
+
+from gscpe.arrays import Float64Array
+
+
+def set_cameras(database: Path, cameras: Mapping[str, Any]) -> None:
+    """Replaces the guessed cameras of a COLMAP database.
+
+    Args:
+        database: file; photos in it that share a camera must do so in ``cameras``.
+        cameras: pycolmap.Camera by name of the photo, whatever their numbers.
+    """
+    import pycolmap
+
+    with pycolmap.Database.open(database) as stored:
+        by_number = {image.camera_id: image.name for image in stored.read_all_images()}
+        for number, name in by_number.items():
+            camera = pycolmap.Camera(cameras[name].todict())
+            camera.camera_id = number
+            camera.has_prior_focal_length = True
+            stored.update_camera(camera)
+
+
+def posed_model(database: Path, poses: Mapping[str, Float64Array]) -> Any:
+    """A pycolmap.Reconstruction without points of a database's photos, with its cameras and
+    numbers.
+
+    Args:
+        database: file.
+        poses: ``cam_from_world``, (4, 4), by name. Other photos are not in the model.
+    """
+    import pycolmap
+
+    with pycolmap.Database.open(database) as stored:
+        return pose_model(
+            stored.read_all_cameras(),
+            stored.read_all_rigs(),
+            stored.read_all_frames(),
+            stored.read_all_images(),
+            poses,
+        )
+
+
+def pose_model(
+    cameras: Iterable[Any],
+    rigs: Iterable[Any],
+    frames: Iterable[Any],
+    images: Iterable[Any],
+    poses: Mapping[str, Float64Array],
+) -> Any:
+    """The same of pycolmap's cameras, rigs, frames and images, one camera a rig."""
+    import pycolmap
+
+    posed = pycolmap.Reconstruction()
+    images = [image for image in images if image.name in poses]
+    pose_of_frame = {image.frame_id: poses[image.name] for image in images}
+    used = {image.camera_id for image in images}
+    for camera in cameras:
+        if camera.camera_id in used:
+            posed.add_camera(camera)
+    for rig in rigs:
+        if rig.ref_sensor_id.id in used:
+            posed.add_rig(rig)
+    for frame in frames:
+        if frame.frame_id in pose_of_frame:
+            frame.rig_from_world = pycolmap.Rigid3d(pose_of_frame[frame.frame_id][:3])
+            posed.add_frame(frame)
+    for image in images:
+        posed.add_image(image)
+        posed.register_frame(image.frame_id)
+    return posed
