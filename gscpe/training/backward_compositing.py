@@ -40,12 +40,16 @@ from gscpe.render.cpu_projection import (
     V,
 )
 
-SUMS = 10
+SUMS = 9
 """Sums over the pixels of an ellipse, of h = dL/d(exponent), its moments about the centre, and
-of the compositing weight times the gradient of each channel and of z. The exponent is
+of the compositing weight times the gradient of each channel. The exponent is
 -(A dx^2 + 2 B dx dy + C dy^2) / 2."""
 
-H, H_X, H_Y, H_XX, H_XY, H_YY, W_RED, W_GREEN, W_BLUE, W_DEPTH = range(SUMS)
+H, H_X, H_Y, H_XX, H_XY, H_YY, W_RED, W_GREEN, W_BLUE = range(SUMS)
+
+TOTALS = SUMS + 1
+W_DEPTH = SUMS
+"""The totals of a Gaussian over all tiles: the same, and of the weight times dL/dz."""
 
 _F = np.float32
 _U64 = np.uint64
@@ -102,7 +106,7 @@ def _add_ellipse(
 @compiled(fastmath=FAST)
 def _add_depths(
     planes, begin, end, pixels, slopes, depths, through, rests, first, last, u, v, a, b, c,
-    opacity, limit, z, sums, entry,
+    opacity, limit, z, sums, depth_sums, entry,
 ):  # fmt: skip
     """Adds what those pixels of a tile that have a gradient of the depth say about one Gaussian.
 
@@ -115,13 +119,13 @@ def _add_depths(
         if k < first or k >= last:
             continue
         dx, dy = planes[6 * PLANE + k] - u, planes[7 * PLANE + k] - v
-        peak = ellipse_alpha(dx, dy, a, b, c, opacity, limit)
-        if peak == 0:
+        if (a * dx + b * dy) * dx + c * dy * dy < limit:  # most of them: before the exponential
             continue
+        peak = ellipse_alpha(dx, dy, a, b, c, opacity, limit)
         alpha = min(peak, MAX_ALPHA)
         weight = alpha * through[n]
         through[n] -= weight
-        sums[entry, W_DEPTH] += weight * slopes[n]
+        depth_sums[entry] += weight * slopes[n]
         part = weight * slopes[n] * (z - depths[n])
         rests[n] -= part
         if peak <= MAX_ALPHA:
@@ -155,13 +159,13 @@ def _load_tile(planes, left, top, rgb, opacity, rgb_gradient, opacity_gradient):
 @compiled()
 def sum_tiles(
     begin, end, records, starts, entries, columns, rgb, opacity, rgb_gradient, opacity_gradient,
-    depth_starts, depth_pixels, depth_slopes, depths, sums, ends,
+    depth_starts, depth_pixels, depth_slopes, depths, sums, depth_sums, ends,
 ):  # fmt: skip
     """The sums of each entry of the tiles begin to end. ends[tile] gets the end of those entries
     that were composited; those behind them get none.
 
     depth_pixels[depth_starts[tile] : depth_starts[tile + 1]] are the tile's pixels with a gradient
-    of the depth, see _add_depths.
+    of the depth, see _add_depths; depth_sums gets sums only for tiles that have some.
     """
     height = opacity.shape[0]
     planes = np.empty(8 * PLANE, np.float32)
@@ -199,12 +203,12 @@ def sum_tiles(
                     planes, _U64(first), _U64(last), u, v, a, b, c, record[OPACITY], limit,
                     record[RED], record[GREEN], record[BLUE], sums, block + n,
                 )  # fmt: skip
-                sums[block + n, W_DEPTH] = _F(0.0)
                 if deep < deep_end:
+                    depth_sums[block + n] = _F(0.0)
                     _add_depths(
                         planes, deep, deep_end, depth_pixels, depth_slopes, depths, through, rests,
                         first, last, u, v, a, b, c, record[OPACITY], limit, record[DEPTH],
-                        sums, block + n,
+                        sums, depth_sums, block + n,
                     )  # fmt: skip
             first_live, last_live = live_rows(planes, first_live, last_live)
             if first_live > last_live:
@@ -213,12 +217,17 @@ def sum_tiles(
 
 
 @compiled()
-def add_up_entries(first, last, starts, ends, entries, sums, totals):
+def add_up_entries(
+    first, last, starts, ends, entries, depth_starts, sums, depth_sums, totals
+):  # fmt: skip
     """Adds the sums of the entries of slots first to last - 1 to their totals, tile after tile:
     an order that no number of threads changes."""
     for tile in range(len(ends)):
+        deep = depth_starts[tile] < depth_starts[tile + 1]
         for entry in range(starts[tile], ends[tile]):
             slot = entries[entry]
             if first <= slot < last:
                 for k in range(SUMS):
                     totals[slot, k] += sums[entry, k]
+                if deep:
+                    totals[slot, W_DEPTH] += depth_sums[entry]

@@ -93,6 +93,9 @@ def train(
             screen_gradients=np.zeros(len(parameters), dtype=np.float32),
             times_seen=np.zeros(len(parameters), dtype=np.int32),
         )
+    if settings.depth_weight:
+        known = np.mean([len(indices) for indices in seen]) if seen else 0.0
+        _log.info("depths of %.0f points in a photo, on average, are looked at", known)
     begin -= state.schedule.seconds
     pool = KernelThreads(threads)
     trainer = Trainer(photos, cam_from_world, extent, state, settings, pool, points, seen)

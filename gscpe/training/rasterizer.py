@@ -15,7 +15,7 @@ from gscpe.render.cpu_tiles import Gaussians, TiledView, composite, tile_view
 from gscpe.render.kernel_threads import KernelThreads, in_parts
 from gscpe.render.view import RenderedView
 from gscpe.scene.gaussians import NEAR
-from gscpe.training.backward_compositing import SUMS, add_up_entries, sum_tiles
+from gscpe.training.backward_compositing import SUMS, TOTALS, add_up_entries, sum_tiles
 from gscpe.training.backward_projection import GRADIENT, parameter_gradients
 
 _TASK = 4096  # slots; poses' gradients are added up task after task
@@ -127,18 +127,20 @@ class TrainingRasterizer:
             depth_gradient: and to ``view.depth``, at a few pixels.
         """
         tiled, view = forward.tiled, forward.view
+        deep = _by_tile(depth_gradient, forward)
         sums = np.empty((len(tiled.entries), SUMS), dtype=np.float32)
+        depth_sums = np.empty(len(tiled.entries), dtype=np.float32)  # mostly never touched
         ends = np.empty(len(tiled.starts) - 1, dtype=np.int64)
         self._threads.run(
             sum_tiles, tiled.tile_parts(), tiled.records, tiled.starts, tiled.entries,
             tiled.columns, view.rgb, view.opacity, rgb_gradient, opacity_gradient,
-            *_by_tile(depth_gradient, forward), sums, ends,
+            *deep, sums, depth_sums, ends,
         )  # fmt: skip
         slots = len(tiled.records)
-        totals = np.zeros((slots, SUMS), dtype=np.float32)
+        totals = np.zeros((slots, TOTALS), dtype=np.float32)
         self._threads.run(
             add_up_entries, in_parts(slots, max(1, -(-slots // self._threads.count))),
-            tiled.starts, ends, tiled.entries, sums, totals,
+            tiled.starts, ends, tiled.entries, deep[0], sums, depth_sums, totals,
         )  # fmt: skip
         tasks = [
             (begin + first, begin + last)
