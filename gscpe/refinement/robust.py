@@ -7,7 +7,7 @@ import numpy as np
 
 from gscpe.arrays import Float32Array
 
-_CUTOFF = 4.685
+TUKEY_CUTOFF = 4.685
 """In standard deviations: 95% efficient where the noise is Gaussian."""
 _MAD_TO_SIGMA = 1.4826
 
@@ -32,5 +32,5 @@ def tukey_curvature(residuals: Float32Array, sigma: float) -> Float32Array:
 
 
 def _kept(residuals: Float32Array, sigma: float) -> Float32Array:
-    scaled = residuals * np.float32(1.0 / (_CUTOFF * sigma))
+    scaled = residuals * np.float32(1.0 / (TUKEY_CUTOFF * sigma))
     return np.asarray(np.maximum(np.float32(1.0) - scaled * scaled, np.float32(0.0)))
