@@ -134,6 +134,11 @@ if TYPE_CHECKING:
     from gscpe.reconstruction import ScaleSource as ScaleSource
     from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.report import ReportSettings as ReportSettings
+    from gscpe.tracking import Motion as Motion
+    from gscpe.tracking import Tracker as Tracker
+    from gscpe.tracking import TrackingResult as TrackingResult
+    from gscpe.tracking import TrackingSettings as TrackingSettings
+    from gscpe.tracking import TrustSettings as TrustSettings
 else:
     # Importing these takes a third as long as all of the rest, and few programs need them.
     _ON_DEMAND = {
@@ -152,6 +157,9 @@ else:
             "reconstruct",
         ),
         "gscpe.report": ("ReportSettings",),
+        "gscpe.tracking": (
+            *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
+        ),
     }
 
     def __getattr__(name: str) -> Any:
@@ -217,6 +225,7 @@ __all__ = [
     "MissingDependencyError",
     "ModelError",
     "ModelFrame",
+    "Motion",
     "Observer",
     "OutputError",
     "Photo",
@@ -247,7 +256,11 @@ __all__ = [
     "Similarity",
     "SplatError",
     "Start",
+    "Tracker",
+    "TrackingResult",
+    "TrackingSettings",
     "TrainingError",
+    "TrustSettings",
     "UncertaintySettings",
     "VerificationSettings",
     "VisibilitySettings",

@@ -27,10 +27,12 @@ class PreparedAnchor:
     Attributes:
         levels: of its pyramid, full size first.
         templates: one for each level; None where the mask left too few pixels.
+        solvers: settings of the solver at each level.
     """
 
     levels: tuple[AnchorLevel, ...]
     templates: tuple[Template | None, ...]
+    solvers: tuple[LucasKanadeSettings, ...]
 
     def __repr__(self) -> str:
         return short_repr(self)
@@ -39,11 +41,15 @@ class PreparedAnchor:
     def of(
         cls, levels: Sequence[AnchorLevel], solvers: Sequence[LucasKanadeSettings]
     ) -> PreparedAnchor:
-        """Makes the templates; one solver's settings for each level."""
+        """Makes the templates."""
         templates = [
             build_template(level, solver) for level, solver in zip(levels, solvers, strict=True)
         ]
-        return cls(tuple(levels), tuple(templates))
+        return cls(tuple(levels), tuple(templates), tuple(solvers))
+
+    def from_level(self, level: int) -> PreparedAnchor:
+        """The same without its larger images."""
+        return PreparedAnchor(self.levels[level:], self.templates[level:], self.solvers[level:])
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,6 @@ def align_levels(
     photo_levels: Sequence[ImageLevel],
     gain: float,
     bias: float,
-    solver: LucasKanadeSettings,
     start_photo_from_anchor: Float64Array | None = None,
     turned: TurnedStarts | None = None,
     coarsest: int | None = None,
@@ -81,7 +86,6 @@ def align_levels(
         anchor: and ...
         photo_levels: ... the photo, of which no fewer levels are needed.
         gain, bias: start.
-        solver: at each level.
         start_photo_from_anchor: (4, 4); None: the photo was taken where the anchor was rendered.
         turned: starts in the smallest image.
         coarsest: level to begin with; None: the anchor's smallest.
@@ -93,6 +97,7 @@ def align_levels(
     template: Template | None = None
     for level in range(last if coarsest is None else min(coarsest, last), -1, -1):
         template, photo = anchor.templates[level], photo_levels[level]
+        solver = anchor.solvers[level]
         if template is None:
             if level > 0:
                 continue  # a small image may lose all its pixels to the mask

@@ -182,7 +182,7 @@ def refine_pose(
         )
         prepared = PreparedAnchor.of(pyramid[: levels + 1], (levels + 1) * [settings.solver])
         found = align_levels(
-            *(prepared, photo_levels, gain, bias, settings.solver),
+            *(prepared, photo_levels, gain, bias),
             turned=TurnedStarts(settings.turned_degrees, settings.turned_level),
             iterated=observer.iterated,
         )

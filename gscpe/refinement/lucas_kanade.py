@@ -14,7 +14,7 @@ sought. For a template pixel x with camera-frame point X = depth * K^-1 x:
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Callable
 
 import cv2
@@ -102,6 +102,16 @@ class Template:
     intensities: Float32Array
     jacobian: Float32Array
     motion: Float64Array
+
+    def thinned(self, count: int) -> Template:
+        """About so many of its pixels, evenly."""
+        step = max(1, round(len(self.intensities) / count))
+        return replace(
+            self,
+            points=np.ascontiguousarray(self.points[:, ::step]),
+            intensities=self.intensities[::step].copy(),
+            jacobian=self.jacobian[::step].copy(),
+        )
 
 
 def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Template | None:

@@ -15,7 +15,13 @@ _MAD_TO_SIGMA = 1.4826
 def robust_sigma(residuals: Float32Array) -> float:
     """Median absolute deviation from zero, as a standard deviation."""
     step = max(1, len(residuals) // 20_000)
-    return float(_MAD_TO_SIGMA * np.median(np.abs(residuals[::step])))
+    sizes = np.abs(residuals[::step])
+    middle = len(sizes) // 2
+    ordered = np.partition(sizes, middle)  # np.median takes three times as long
+    median = ordered[middle]
+    if len(sizes) % 2 == 0:
+        median = 0.5 * (ordered[:middle].max() + median)
+    return float(_MAD_TO_SIGMA * median)
 
 
 def tukey_weights(residuals: Float32Array, sigma: float) -> Float32Array:

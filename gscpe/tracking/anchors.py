@@ -22,6 +22,8 @@ from gscpe.tracking.settings import TrackingSettings
 
 _LENIENT = 3
 """Halvings from which half of the pixels that a pixel is made of must be valid, not all."""
+_COARSELY = 0.1
+"""Pixels of a smaller image to which it is aligned: a larger one follows."""
 _BLOCKS = 10
 """Blocks across the picture in which anchor and frame are compared."""
 
@@ -33,6 +35,7 @@ class Anchor:
     Attributes:
         cam_from_world: (4, 4), where it was rendered.
         prepared: its pyramid and templates.
+        judged: pixels of the largest image by which the covariance is estimated.
         compared: level at which it is compared with frames.
         blocks: (N,) block of each pixel of that level's template.
         asked: number of the frame after which it was asked for.
@@ -42,6 +45,7 @@ class Anchor:
 
     cam_from_world: Float64Array
     prepared: PreparedAnchor
+    judged: Template
     compared: int
     blocks: IntArray
     asked: int
@@ -64,11 +68,11 @@ class Anchor:
 
     def smaller(self, halvings: int) -> Anchor | None:
         """The anchor for frames without their largest images; None where nothing would be left."""
-        levels, templates = self.prepared.levels[halvings:], self.prepared.templates[halvings:]
-        if not levels or templates[0] is None:
+        prepared = self.prepared.from_level(halvings)
+        if not prepared.levels or prepared.templates[0] is None:
             return None
-        blocks = blocks_of(templates[0], levels[0].camera, _BLOCKS)
-        return replace(self, prepared=PreparedAnchor(levels, templates), compared=0, blocks=blocks)
+        blocks = blocks_of(prepared.templates[0], prepared.levels[0].camera, _BLOCKS)
+        return replace(self, prepared=prepared, compared=0, blocks=blocks)
 
 
 def make_anchor(
@@ -94,9 +98,13 @@ def make_anchor(
     mask = visibility_mask(renders, view, settings.visibility, unit)
     levels = most_levels(camera, settings.levels)
     pyramid = anchor_pyramid(luminance(view.rgb), view.depth, mask, camera, levels, _LENIENT)
-    pixels = [settings.template_pixels, *(levels * [settings.coarse_pixels])]
-    solvers = [replace(settings.solver, max_template_pixels=count) for count in pixels]
-    prepared = PreparedAnchor.of(pyramid, solvers)
+    fine = replace(settings.solver, max_template_pixels=settings.template_pixels)
+    coarse = replace(
+        settings.solver,
+        max_template_pixels=settings.coarse_pixels,
+        converged_pixels=max(_COARSELY, settings.solver.converged_pixels),
+    )
+    prepared = PreparedAnchor.of(pyramid, [fine, *(levels * [coarse])])
     if prepared.templates[0] is None:
         return None
     compared = 1 if levels >= 1 and prepared.templates[1] is not None else 0
@@ -105,6 +113,7 @@ def make_anchor(
     return Anchor(
         cam_from_world=np.array(cam_from_world, dtype=np.float64),
         prepared=prepared,
+        judged=prepared.templates[0].thinned(settings.judged_pixels),
         compared=compared,
         blocks=blocks_of(template, pyramid[compared].camera, _BLOCKS),
         asked=asked,

@@ -69,7 +69,7 @@ def follow(
     reach = _DEVIATIONS * expected.pixels(anchor.template.motion)
     coarsest = max(1, int(np.ceil(np.log2(max(reach, _BASIN) / _BASIN))))
     found = align_levels(
-        *(anchor.prepared, frame.levels, *light, settings.solver, start),
+        *(anchor.prepared, frame.levels, *light, start),
         turned=TurnedStarts(_TURNED_DEGREES, 0) if wide else None,
         coarsest=None if wide else coarsest,
     )
@@ -119,7 +119,7 @@ def doubt_about_picture(followed: Followed, trust: TrustSettings, sure: bool) ->
 def covariance_of(followed: Followed, frame: Frame, settings: TrackingSettings) -> Float64Array:
     """(6, 6) of xi in ``exp(xi) @ cam_from_world``, world units and radians."""
     uncertainty = pose_uncertainty(
-        *(followed.anchor.template, frame.levels[0], followed.alignment),
+        *(followed.anchor.judged, frame.levels[0], followed.alignment),
         *(settings.solver, settings.uncertainty),
     )
     sigma = frame.camera.focal_sigma

@@ -12,7 +12,7 @@ from gscpe.errors import PoseError
 from gscpe.geometry import se3
 from gscpe.geometry.se3 import check_transform
 
-_CALM = 0.25
+_CALM = 0.5
 """Weight of the last surprise in their running mean square."""
 _FIRST_SURPRISE = 8.0
 """Pixels, of a camera whose velocity is not known yet."""

@@ -57,6 +57,7 @@ class TrackingSettings:
         levels: times the images are halved.
         template_pixels: of an anchor at full size, ...
         coarse_pixels: ... and in each smaller image, at most.
+        judged_pixels: ... of these are enough for the covariance.
         anchor_pixels: once the image has moved so far from all anchors (root mean square), the
             next one is rendered.
         farthest_pixels: beyond this, a frame waits for the next anchor if it may wait.
@@ -74,13 +75,14 @@ class TrackingSettings:
     levels: int = 4
     template_pixels: int = 20_000
     coarse_pixels: int = 5_000
+    judged_pixels: int = 5_000
     anchor_pixels: float = 12.0
     farthest_pixels: float = 32.0
     anchors: int = 3
     patience: int = 3
     kept_frames: int = 60
     solver: LucasKanadeSettings = field(
-        default_factory=lambda: LucasKanadeSettings(max_iterations=12, converged_pixels=0.02)
+        default_factory=lambda: LucasKanadeSettings(max_iterations=20, converged_pixels=0.03)
     )
     visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
@@ -95,7 +97,10 @@ class TrackingSettings:
             raise SettingsError(
                 "tracking needs levels and patience >= 1, anchors and kept_frames >= 2"
             )
-        if min(self.template_pixels, self.coarse_pixels) < self.solver.min_pixels:
+        if (
+            min(self.template_pixels, self.coarse_pixels, self.judged_pixels)
+            < self.solver.min_pixels
+        ):
             raise SettingsError(
                 f"a template needs at least the solver's {self.solver.min_pixels} pixels"
             )
