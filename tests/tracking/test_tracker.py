@@ -6,11 +6,12 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import replace
+from itertools import pairwise
 from typing import Iterator
 
 import numpy as np
 import pytest
-from frames_of_a_room import CAMERA, black, foreign, picture, pose, the_map
+from moving_camera import CAMERA, black, foreign, picture, pose, the_map
 from numpy.typing import NDArray
 from scenes import room
 
@@ -97,14 +98,14 @@ def test_follows_a_camera(tracker: Tracker) -> None:
         assert 0 <= result.anchor_age <= index
         assert result.agreement > 0.6
     ages = [result.anchor_age for result in results if result.anchor_age is not None]
-    assert any(later < earlier for earlier, later in zip(ages, ages[1:], strict=False))  # new ones
+    assert any(later < earlier for earlier, later in pairwise(ages))  # new ones
 
 
 def test_measured_motion_leads_where_the_velocity_does_not(tracker: Tracker) -> None:
     """A camera that starts, and jerks by 25 pixels a frame."""
     at = [0.0, 0.0, 12.0, 3.0, 14.0]
     tracker.track(picture(at[0]), CAMERA)
-    for before, index in zip(at, at[1:], strict=False):
+    for before, index in pairwise(at):
         measured = pose(index) @ se3.inverse(pose(before))
         result = tracker.track(picture(index), CAMERA, motion=Motion(measured))
         assert result.status == "tracking", result.reason
