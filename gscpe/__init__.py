@@ -137,6 +137,11 @@ if TYPE_CHECKING:
     from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.reconstruction import refine_known_poses as refine_known_poses
     from gscpe.report import ReportSettings as ReportSettings
+    from gscpe.tracking import Motion as Motion
+    from gscpe.tracking import Tracker as Tracker
+    from gscpe.tracking import TrackingResult as TrackingResult
+    from gscpe.tracking import TrackingSettings as TrackingSettings
+    from gscpe.tracking import TrustSettings as TrustSettings
 else:
     # Importing these takes a third as long as all of the rest, and few programs need them.
     _ON_DEMAND = {
@@ -156,6 +161,9 @@ else:
             "refine_known_poses",
         ),
         "gscpe.report": ("ReportSettings",),
+        "gscpe.tracking": (
+            *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
+        ),
     }
 
     def __getattr__(name: str) -> Any:
@@ -221,6 +229,7 @@ __all__ = [
     "MissingDependencyError",
     "ModelError",
     "ModelFrame",
+    "Motion",
     "Observer",
     "OutputError",
     "Photo",
@@ -253,7 +262,11 @@ __all__ = [
     "Similarity",
     "SplatError",
     "Start",
+    "Tracker",
+    "TrackingResult",
+    "TrackingSettings",
     "TrainingError",
+    "TrustSettings",
     "UncertaintySettings",
     "VerificationSettings",
     "VisibilitySettings",

@@ -19,7 +19,7 @@ where it cannot be chance. Measured on four kinds of scenes: docs/benchmarks.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,11 +32,10 @@ from gscpe.refinement.lucas_kanade import (
     LucasKanadeSettings,
     Template,
     residuals_of,
-    warp,
 )
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
-from gscpe.refinement.sampling import gradient, sample_bilinear
+from gscpe.refinement.sampling import gradient
 
 _LEAST_CURVATURE = 0.1
 """Where most residuals are beyond the kernel's bend, the curvature says nothing."""
@@ -119,7 +118,7 @@ def pose_uncertainty(
     hessian = _product(design * weights, design)
     inverse = covariance_from_information(hessian)
     scores = design * (weights * residuals)
-    blocks = _blocks(template, photo.camera, settings.blocks)
+    blocks = blocks_of(template, photo.camera, settings.blocks)
     sums = np.stack([np.bincount(blocks, score) for score in scores])
     between, within = sums @ sums.T, _product(scores, scores)
 
@@ -134,7 +133,7 @@ def pose_uncertainty(
     root = np.asarray(np.linalg.cholesky(inverse), dtype=np.float64)
     seen = design.copy()
     seen[:6] = _photo_jacobian(template, photo, alignment)
-    grains = _blocks(template, photo.camera, max(1, photo.camera.width // _GRAIN))
+    grains = blocks_of(template, photo.camera, max(1, photo.camera.width // _GRAIN))
     kept, axes = _shared_information(design, seen, weights, root, grains)
     whole = factor * (root.T @ middle @ root)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
@@ -192,8 +191,10 @@ def _product(a: Float32Array, b: Float32Array) -> Float64Array:
 def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment) -> Float32Array:
     """As the template's, (6, N), but of the photo's own gradients where its points are seen."""
     photo_from_anchor = alignment.photo_from_anchor
-    u, v, _ = warp(template.points, photo_from_anchor, photo.camera)
-    by_u, by_v = (sample_bilinear(image, photo.valid, u, v)[0] for image in gradient(photo.image))
+    by_u, by_v = (
+        residuals_of(template, replace(photo, image=image), photo_from_anchor, 0.0, 0.0)[0]
+        for image in gradient(photo.image)
+    )
     rotation, shift = np.split(photo_from_anchor[:3].astype(np.float32), [3], axis=1)
     x, y, z = rotation @ template.points + shift
     z = np.maximum(z, np.float32(1e-3))
@@ -203,7 +204,7 @@ def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment)
     return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
 
 
-def _blocks(template: Template, camera: Camera, count: int) -> IntArray:
+def blocks_of(template: Template, camera: Camera, count: int) -> IntArray:
     """A number for each template point's block of the anchor image, (N,)."""
     x, y, z = template.points
     size = np.float32(camera.width / count)
