@@ -36,6 +36,7 @@ from gscpe.errors import (
     QueryListError,
     ReconstructionError,
     RenderError,
+    SequenceError,
     SettingsError,
     SplatError,
     TrainingError,
@@ -134,6 +135,9 @@ if TYPE_CHECKING:
     from gscpe.reconstruction import ScaleSource as ScaleSource
     from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.report import ReportSettings as ReportSettings
+    from gscpe.sequences import Frame as Frame
+    from gscpe.sequences import Frames as Frames
+    from gscpe.sequences import open_frames as open_frames
 else:
     # Importing these takes a third as long as all of the rest, and few programs need them.
     _ON_DEMAND = {
@@ -152,6 +156,7 @@ else:
             "reconstruct",
         ),
         "gscpe.report": ("ReportSettings",),
+        "gscpe.sequences": ("Frame", "Frames", "open_frames"),
     }
 
     def __getattr__(name: str) -> Any:
@@ -191,7 +196,9 @@ __all__ = [
     "Evaluation",
     "FocalEstimate",
     "FocalSettings",
+    "Frame",
     "FrameCheckSettings",
+    "Frames",
     "FusionSettings",
     "GaussianScene",
     "GlobalDescriptors",
@@ -243,6 +250,7 @@ __all__ = [
     "RgbdMapSettings",
     "ScaleSource",
     "SceneRun",
+    "SequenceError",
     "SettingsError",
     "Similarity",
     "SplatError",
@@ -265,6 +273,7 @@ __all__ = [
     "measure_misfit",
     "move_references",
     "move_scene",
+    "open_frames",
     "open_map",
     "pose_difference",
     "read_cambridge",
