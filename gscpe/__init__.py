@@ -138,6 +138,11 @@ if TYPE_CHECKING:
     from gscpe.sequences import Frame as Frame
     from gscpe.sequences import Frames as Frames
     from gscpe.sequences import open_frames as open_frames
+    from gscpe.tracking import Motion as Motion
+    from gscpe.tracking import Tracker as Tracker
+    from gscpe.tracking import TrackingResult as TrackingResult
+    from gscpe.tracking import TrackingSettings as TrackingSettings
+    from gscpe.tracking import TrustSettings as TrustSettings
 else:
     # Importing these takes a third as long as all of the rest, and few programs need them.
     _ON_DEMAND = {
@@ -157,6 +162,9 @@ else:
         ),
         "gscpe.report": ("ReportSettings",),
         "gscpe.sequences": ("Frame", "Frames", "open_frames"),
+        "gscpe.tracking": (
+            *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
+        ),
     }
 
     def __getattr__(name: str) -> Any:
@@ -224,6 +232,7 @@ __all__ = [
     "MissingDependencyError",
     "ModelError",
     "ModelFrame",
+    "Motion",
     "Observer",
     "OutputError",
     "Photo",
@@ -255,7 +264,11 @@ __all__ = [
     "Similarity",
     "SplatError",
     "Start",
+    "Tracker",
+    "TrackingResult",
+    "TrackingSettings",
     "TrainingError",
+    "TrustSettings",
     "UncertaintySettings",
     "VerificationSettings",
     "VisibilitySettings",

@@ -8,6 +8,7 @@ Lie theory for state estimation in robotics" (2018), section on SE(3).
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
 
 _SMALL_ANGLE = 1e-4
+_WIDE = -0.8
+"""Cosine of an angle of 143 degrees."""
 
 
 def _rotations() -> Any:
@@ -46,18 +49,31 @@ def _left_jacobian(rotation_vector: Float64Array) -> Float64Array:
 def exp(xi: ArrayLike) -> Float64Array:
     """The (4, 4) transform of a tangent vector ``xi = (translation, rotation)``, (6,)."""
     xi = np.asarray(xi, dtype=np.float64)
+    jacobian = _left_jacobian(xi[3:])
     transform = np.eye(4)
-    transform[:3, :3] = _rotations().from_rotvec(xi[3:]).as_matrix()
-    transform[:3, 3] = _left_jacobian(xi[3:]) @ xi[:3]
+    transform[:3, :3] += skew(xi[3:]) @ jacobian  # the Jacobian is the integral of exp(s [w]x)
+    transform[:3, 3] = jacobian @ xi[:3]
     return transform
 
 
 def log(transform: ArrayLike) -> Float64Array:
     """The tangent vector, (6,), of a (4, 4) transform; the inverse of :func:`exp`."""
     transform = np.asarray(transform, dtype=np.float64)
-    rotation_vector = _rotations().from_matrix(transform[:3, :3]).as_rotvec()
+    rotation_vector = _rotation_vector(transform[:3, :3])
     translation = np.linalg.solve(_left_jacobian(rotation_vector), transform[:3, 3])
     return np.concatenate([translation, rotation_vector])
+
+
+def _rotation_vector(rotation: Float64Array) -> Float64Array:
+    """(3,) of a (3, 3) rotation matrix."""
+    a, b, c = rotation.tolist()
+    sines = 0.5 * (c[1] - b[2]), 0.5 * (a[2] - c[0]), 0.5 * (b[0] - a[1])
+    sine, cosine = math.hypot(*sines), 0.5 * (a[0] + b[1] + c[2] - 1.0)
+    if cosine < _WIDE:
+        return np.asarray(_rotations().from_matrix(rotation).as_rotvec())
+    # Faster than SciPy, which is as exact; towards half a turn, the sines lose the axis.
+    scale = math.atan2(sine, cosine) / sine if sine > 1e-12 else 1.0
+    return scale * np.array(sines)
 
 
 def adjoint(transform: ArrayLike) -> Float64Array:

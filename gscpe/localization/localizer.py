@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Iterator, Sequence
 
@@ -13,11 +14,12 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.closing import Closing
+from gscpe.coarse import estimate_coarse_pose
 from gscpe.errors import CameraError, ClosedError, MapError, PoseError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
 from gscpe.localization.attempt import Attempt, PreparedPhoto
-from gscpe.localization.border import prior_in_map, view_in_world
+from gscpe.localization.border import attempt_in_world, prior_in_map, view_in_world
 from gscpe.localization.chain import Chain
 from gscpe.localization.clock import Clock
 from gscpe.localization.light import trouble_with_light
@@ -27,6 +29,7 @@ from gscpe.localization.result import NO_FEATURES, LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.unknown_camera import estimate_camera, ordinary_camera
+from gscpe.localization.verification import doubt_about_coarse
 from gscpe.matching import Matcher, make_matcher
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import GaussianScene, Map, Photo, open_map, to_photo
@@ -253,9 +256,43 @@ class Localizer(Closing):
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
         are with respect to the world."""
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
-        with self._while_open():
-            view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
+        if self._closed:
+            raise ClosedError("this localizer is closed")
+        # Not one call at a time: who follows a camera need not wait until a photo is localized.
+        view = self._renderer.render(camera, self.map.frame.cam_from_map(cam_from_world))
         return view_in_world(view, self.map.frame)
+
+    def match_at(self, image: UInt8Array, camera: Camera, cam_from_world: Float64Array) -> Attempt:
+        """Matches a photo with one render, from a pose near its own: one round of the coarse
+        stage, to see whether a pose that came from elsewhere is right.
+
+        Args:
+            image, camera: as :meth:`localize`.
+            cam_from_world: (4, 4), where the render is made.
+
+        Returns:
+            An attempt that ends after its coarse stage; its ``doubt`` says whether the matches
+            can be trusted.
+
+        Raises:
+            PhotoError, CameraError, RenderError, ModelError, ClosedError: as :meth:`localize`.
+            PoseError: the pose is not a rigid transform.
+        """
+        cam_from_world = check_transform(cam_from_world, "cam_from_world")
+        frame = self.map.frame
+        with self._while_open():
+            photo = self.at_the_maps_resolution(to_photo(image, camera))
+            start = Start("prior", frame.cam_from_map(cam_from_world))
+            coarse = estimate_coarse_pose(
+                self._renderer,
+                self._matcher,
+                self._matcher.prepare(photo.rgb, photo.valid),
+                photo.camera,
+                start.cam_from_world,
+                replace(self.settings.coarse, max_rounds=1),
+            )
+            doubt = doubt_about_coarse(coarse, photo.camera, self.settings.verification)
+        return attempt_in_world(Attempt(start, coarse, None, doubt), frame)
 
     @property
     def renderer_description(self) -> str:
@@ -268,14 +305,18 @@ class Localizer(Closing):
         A splat looks right at the resolution of the photos that it was made of: nearer by, its
         Gaussians come apart; from afar, they cover each other.
         """
+        scale = self.scale_to_the_map(photo.camera)
+        return photo if scale == 1.0 else resized_photo(photo, scale)
+
+    def scale_to_the_map(self, camera: Camera) -> float:
+        """Times by which a photo of this pinhole camera is resized before it is localized."""
         references = self.map.references.cameras
         if not references:
-            return photo
+            return 1.0
         theirs = float(np.median([camera.without_distortion().fx for camera in references]))
-        scale = min(theirs / photo.camera.fx, self.settings.most_enlarged)
-        if 1.0 / self.settings.same_resolution <= scale <= self.settings.same_resolution:
-            return photo
-        return resized_photo(photo, scale)
+        scale = min(theirs / camera.fx, self.settings.most_enlarged)
+        same = self.settings.same_resolution
+        return 1.0 if 1.0 / same <= scale <= same else scale
 
     def close(self) -> None:
         """Releases the renderer's memory, after the current call is finished; the localizer cannot

@@ -132,7 +132,7 @@ def compare_stages(
     assert aligned.covariance is not None
     assert coarse.cam_from_world is not None
     unit = aligned.tolerance_unit
-    sigma, sigma_degrees = _worst_sigmas(aligned.covariance, unit)
+    sigma, sigma_degrees = worst_sigmas(aligned.covariance, unit)
     if sigma <= settings.max_sigma and sigma_degrees <= settings.max_sigma_degrees:
         shift = pose_difference(aligned.cam_from_world, coarse.cam_from_world)
         return Comparison(shift.distance * unit, shift.degrees, sigma, sigma_degrees)
@@ -146,7 +146,7 @@ def compare_stages(
         fusion,
         aligned.unshared,
     )
-    sigma, sigma_degrees = _worst_sigmas(covariance, unit)
+    sigma, sigma_degrees = worst_sigmas(covariance, unit)
     return Comparison(0.0, 0.0, 2.0 * sigma, 2.0 * sigma_degrees)
 
 
@@ -195,7 +195,7 @@ def doubt_about_tracked(
             f"{shift.degrees:.2f} degrees"
         )
     unit = aligned.tolerance_unit
-    return _doubt_about_sigmas(*_worst_sigmas(aligned.covariance, unit), unit, settings, frame)
+    return _doubt_about_sigmas(*worst_sigmas(aligned.covariance, unit), unit, settings, frame)
 
 
 def _doubt_about_picture(
@@ -211,7 +211,7 @@ def _doubt_about_picture(
     return None
 
 
-def _worst_sigmas(covariance: Float64Array, tolerance_unit: float) -> tuple[float, float]:
+def worst_sigmas(covariance: Float64Array, tolerance_unit: float) -> tuple[float, float]:
     """Metres and degrees in the worst direction.
 
     In ``exp(xi)`` the camera's centre moves by minus the translation, turned, and by what the

@@ -3,14 +3,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.projection import unproject_image
-from gscpe.refinement.lucas_kanade import warp
+from gscpe.refinement.lucas_kanade import Template, residuals_of, warp
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.sampling import sample_bilinear
 from gscpe.render import local_correlation
+
+_TEXTURE = 0.02
+"""Standard deviation of luminance below which a block has nothing to compare."""
+_FEWEST = 12
+"""Pixels that a block needs."""
 
 
 def photometric_agreement(
@@ -29,3 +36,57 @@ def photometric_agreement(
     overlap = float(np.count_nonzero(common)) / common.size
     warped = values.reshape(anchor.image.shape)
     return local_correlation(anchor.image, warped, common), overlap
+
+
+@dataclass(frozen=True)
+class BlockAgreement:
+    """How alike the blocks of an anchor and of a photo look, whatever the exposure of each.
+
+    Attributes:
+        correlation: its mean over the blocks, in [-1, 1]; NaN where there is nothing to compare.
+        alike: share of the blocks whose correlation is above one half, in [0, 1].
+        overlap: share of the anchor's pixels that are visible in the photo, in [0, 1].
+    """
+
+    correlation: float
+    alike: float
+    overlap: float
+
+
+def block_agreement(
+    template: Template, photo: ImageLevel, photo_from_anchor: Float64Array, blocks: IntArray
+) -> BlockAgreement:
+    """The agreement in a template's pixels alone: less exact than
+    :func:`photometric_agreement`, but it takes a tenth of the time.
+
+    Args:
+        template: of the anchor.
+        photo: at the same level.
+        photo_from_anchor: (4, 4).
+        blocks: (N,) number of each template pixel's block.
+    """
+    seen, usable = residuals_of(template, photo, photo_from_anchor, 0.0, 0.0)
+    count = int(blocks.max(initial=0)) + 1
+
+    def sums(values: Float32Array) -> Float64Array:
+        return np.asarray(np.bincount(blocks, values * usable, minlength=count), np.float64)
+
+    shown = template.intensities
+    pixels = sums(np.ones_like(shown))
+    enough = pixels >= _FEWEST
+    pixels = np.maximum(pixels, 1.0)
+    mean_shown, mean_seen = sums(shown) / pixels, sums(seen) / pixels
+    var_shown = np.maximum(sums(shown * shown) / pixels - mean_shown**2, 0.0)
+    var_seen = np.maximum(sums(seen * seen) / pixels - mean_seen**2, 0.0)
+    common = sums(shown * seen) / pixels - mean_shown * mean_seen
+    enough &= np.maximum(var_shown, var_seen) > _TEXTURE**2
+    overlap = float(np.count_nonzero(usable)) / max(len(usable), 1)
+    if not np.any(enough):
+        return BlockAgreement(float("nan"), 0.0, overlap)
+    # A block that is flat in one image alone does not agree, and its deviation may be zero.
+    least = (0.5 * _TEXTURE) ** 2
+    spread = np.sqrt(np.maximum(var_shown, least) * np.maximum(var_seen, least))
+    correlation = (common / spread)[enough]
+    weights = pixels[enough] / pixels[enough].sum()
+    alike = float(weights[correlation > 0.5].sum())
+    return BlockAgreement(float(weights @ correlation), alike, overlap)

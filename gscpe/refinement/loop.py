@@ -13,21 +13,10 @@ from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
-from gscpe.refinement.lucas_kanade import (
-    Alignment,
-    LucasKanadeSettings,
-    Template,
-    align,
-    build_template,
-)
+from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
+from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
 from gscpe.refinement.observer import RefinementObserver
-from gscpe.refinement.pyramid import (
-    AnchorLevel,
-    ImageLevel,
-    anchor_pyramid,
-    photo_pyramid,
-)
-from gscpe.refinement.turned_starts import align_from_turned_starts
+from gscpe.refinement.pyramid import anchor_pyramid, photo_pyramid
 from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import Renders
@@ -191,7 +180,12 @@ def refine_pose(
         pyramid = anchor_pyramid(
             image, view.depth, mask, view.camera, max(levels, compared), settings.lenient_level
         )
-        found = _align_levels(pyramid[: levels + 1], photo_levels, gain, bias, settings, observer)
+        prepared = PreparedAnchor.of(pyramid[: levels + 1], (levels + 1) * [settings.solver])
+        found = align_levels(
+            *(prepared, photo_levels, gain, bias),
+            turned=TurnedStarts(settings.turned_degrees, settings.turned_level),
+            iterated=observer.iterated,
+        )
         if isinstance(found, str):
             return _failed(found, anchors)
         alignment, template = found
@@ -240,46 +234,6 @@ def _needs_new_anchor(
     return (metres is not None and moved.distance > metres) or (
         degrees is not None and moved.degrees > degrees
     )
-
-
-def _align_levels(
-    anchor_levels: tuple[AnchorLevel, ...],
-    photo_levels: tuple[ImageLevel, ...],
-    gain: float,
-    bias: float,
-    settings: RefinementSettings,
-    observer: RefinementObserver,
-) -> tuple[Alignment, Template] | str:
-    """Aligns one anchor, small images first; a string says why it failed.
-
-    The template is that of the full size.
-    """
-    solver = settings.solver
-    photo_from_anchor = np.eye(4)
-    alignment: Alignment | None = None
-    for level in range(len(anchor_levels) - 1, -1, -1):
-        anchor, photo = anchor_levels[level], photo_levels[level]
-        template = build_template(anchor, solver)
-        if template is None:
-            if level > 0:
-                continue  # a small image may lose all its pixels to the mask
-            return "too little of the map is visible around the pose that it starts from"
-        if alignment is None and level >= settings.turned_level and settings.turned_degrees > 0:
-            degrees = settings.turned_degrees
-            found = align_from_turned_starts(
-                template, anchor, photo, gain, bias, degrees, solver, observer.iterated
-            )
-        else:
-            found = align(template, photo, photo_from_anchor, gain, bias, solver, observer.iterated)
-        if found is None:
-            if level > 0:
-                continue  # it ran away; a larger image may hold it
-            return "the photo and the map do not overlap around the pose that it starts from"
-        alignment = found
-        photo_from_anchor = alignment.photo_from_anchor
-        gain, bias = alignment.gain, alignment.bias
-    assert alignment is not None and template is not None
-    return alignment, template
 
 
 def _of_the_render(alignment: Alignment, light: tuple[float, float] | None) -> tuple[float, float]:

@@ -13,8 +13,9 @@ sought. For a template pixel x with camera-frame point X = depth * K^-1 x:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Callable
+import functools
+from dataclasses import dataclass, replace
+from typing import Any, Callable
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import unproject_image
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
-from gscpe.refinement.robust import robust_sigma, tukey_weights
+from gscpe.refinement.robust import TUKEY_CUTOFF, robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
 
 
@@ -102,6 +103,16 @@ class Template:
     jacobian: Float32Array
     motion: Float64Array
 
+    def thinned(self, count: int) -> Template:
+        """About so many of its pixels, evenly."""
+        step = max(1, round(len(self.intensities) / count))
+        return replace(
+            self,
+            points=np.ascontiguousarray(self.points[:, ::step]),
+            intensities=self.intensities[::step].copy(),
+            jacobian=self.jacobian[::step].copy(),
+        )
+
 
 def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Template | None:
     """The template of an anchor level, or None when too few pixels are usable."""
@@ -177,10 +188,6 @@ def align(
         settings: see :class:`LucasKanadeSettings`.
         iterated: is told the pose, (4, 4), after each iteration.
     """
-    n, unknowns = len(template.intensities), 8 if settings.gain_and_bias else 6
-    design = np.empty((n, 8), dtype=np.float32)
-    design[:, 6] = template.intensities
-    design[:, 7] = 1.0
     converged, iterations = False, 0
     while True:
         residuals, usable = residuals_of(template, photo, photo_from_anchor, gain, bias)
@@ -189,11 +196,8 @@ def align(
         sigma = max(robust_sigma(residuals[usable]), settings.min_noise)
         if converged or iterations == settings.max_iterations:
             break
-        weights = (tukey_weights(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
-        np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
-        weighted = design[:, :unknowns] * weights[:, None]
-        hessian = (weighted.T @ design[:, :unknowns]).astype(np.float64)
-        step = _solve(hessian, (weighted.T @ residuals).astype(np.float64))
+        hessian, right = _normal_equations(template, residuals, usable, gain, sigma, settings)
+        step = _solve(hessian, right)
         if step is None:
             return None
         photo_from_anchor = photo_from_anchor @ se3.exp(-step[:6])
@@ -210,13 +214,40 @@ def align(
         bias=float(bias),
         residual=float(sigma),
         pixels=int(np.count_nonzero(usable)),
-        motion_pixels=_motion(template, photo_from_anchor),
+        motion_pixels=motion_of(template, photo_from_anchor),
         iterations=iterations,
         converged=converged,
     )
 
 
-def _motion(template: Template, photo_from_anchor: Float64Array) -> float:
+def _normal_equations(
+    template: Template,
+    residuals: Float32Array,
+    usable: BoolArray,
+    gain: float,
+    sigma: float,
+    settings: LucasKanadeSettings,
+) -> tuple[Float64Array, Float64Array]:
+    """Left and right side of a step's equations, (U, U) and (U,)."""
+    unknowns = 8 if settings.gain_and_bias else 6
+    loops = _compiled_loops()
+    if loops is not None:
+        cutoff = TUKEY_CUTOFF * sigma if settings.robust else np.inf
+        hessian, right = loops.normal_equations(
+            template.jacobian, template.intensities, residuals, usable, gain, cutoff
+        )
+        return hessian[:unknowns, :unknowns], right[:unknowns]
+    weights = (tukey_weights(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
+    design = np.empty((len(residuals), 8), dtype=np.float32)
+    np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
+    design[:, 6], design[:, 7] = template.intensities, 1.0
+    weighted = design[:, :unknowns] * weights[:, None]
+    hessian = (weighted.T @ design[:, :unknowns]).astype(np.float64)
+    return hessian, (weighted.T @ residuals).astype(np.float64)
+
+
+def motion_of(template: Template, photo_from_anchor: Float64Array) -> float:
+    """How far this moves the template's pixels, root mean square."""
     xi = se3.log(photo_from_anchor)
     return float(np.sqrt(xi @ template.motion @ xi))
 
@@ -229,11 +260,29 @@ def residuals_of(
     bias: float,
 ) -> tuple[Float32Array, BoolArray]:
     """Residuals, (N,), zero where the template leaves the photo; and where it does not."""
+    loops = _compiled_loops()
+    if loops is not None:
+        found: tuple[Float32Array, BoolArray] = loops.residuals_of(
+            *(template.points, template.intensities, photo.image, photo.valid),
+            *(photo_from_anchor, photo.camera, gain, bias),
+        )
+        return found
     u, v, ahead = warp(template.points, photo_from_anchor, photo.camera)
     values, inside = sample_bilinear(photo.image, photo.valid, u, v)
     usable = inside & ahead
     residuals = values - (np.float32(gain) * template.intensities + np.float32(bias))
     return np.where(usable, residuals, np.float32(0.0)), usable
+
+
+@functools.cache
+def _compiled_loops() -> Any:
+    """The module of that name; None where Numba is not installed."""
+    try:
+        from gscpe.refinement import compiled_loops
+    except ImportError:
+        return None
+    compiled_loops.compile_now()
+    return compiled_loops
 
 
 def warp(

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,13 +39,17 @@ def _blocks(image: NDArray[_T]) -> tuple[NDArray[_T], ...]:
 
 
 def halve_mean(image: Float32Array) -> Float32Array:
-    """Means of 2x2 pixels."""
-    a, b, c, d = _blocks(image)
-    return np.asarray((a + b + c + d) * np.float32(0.25))
+    """Means of 2x2 pixels; an odd last row or column is dropped."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    even = image[: 2 * height, : 2 * width]
+    halved = cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(halved, dtype=np.float32)
 
 
 def halve_all(valid: BoolArray) -> BoolArray:
     """Whether all of 2x2 pixels are valid."""
+    if valid.all():
+        return np.ones((valid.shape[0] // 2, valid.shape[1] // 2), dtype=bool)
     a, b, c, d = _blocks(valid)
     return a & b & c & d
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from gscpe.arrays import Float32Array
 
-_CUTOFF = 4.685
+TUKEY_CUTOFF = 4.685
 """In standard deviations: 95% efficient where the noise is Gaussian."""
 _MAD_TO_SIGMA = 1.4826
 
@@ -15,7 +15,13 @@ _MAD_TO_SIGMA = 1.4826
 def robust_sigma(residuals: Float32Array) -> float:
     """Median absolute deviation from zero, as a standard deviation."""
     step = max(1, len(residuals) // 20_000)
-    return float(_MAD_TO_SIGMA * np.median(np.abs(residuals[::step])))
+    sizes = np.abs(residuals[::step])
+    middle = len(sizes) // 2
+    ordered = np.partition(sizes, middle)  # np.median takes three times as long
+    median = ordered[middle]
+    if len(sizes) % 2 == 0:
+        median = 0.5 * (ordered[:middle].max() + median)
+    return float(_MAD_TO_SIGMA * median)
 
 
 def tukey_weights(residuals: Float32Array, sigma: float) -> Float32Array:
@@ -32,5 +38,5 @@ def tukey_curvature(residuals: Float32Array, sigma: float) -> Float32Array:
 
 
 def _kept(residuals: Float32Array, sigma: float) -> Float32Array:
-    scaled = residuals * np.float32(1.0 / (_CUTOFF * sigma))
+    scaled = residuals * np.float32(1.0 / (TUKEY_CUTOFF * sigma))
     return np.asarray(np.maximum(np.float32(1.0) - scaled * scaled, np.float32(0.0)))

@@ -34,6 +34,7 @@ def align_from_turned_starts(
     degrees: float,
     settings: LucasKanadeSettings,
     iterated: Callable[[Float64Array], None] | None = None,
+    photo_from_anchor: Float64Array | None = None,
 ) -> Alignment | None:
     """The alignment that looks most alike, of seven: not turned, and turned by so many degrees
     about each axis, either way. None when none of them held.
@@ -45,9 +46,12 @@ def align_from_turned_starts(
             about its axis.
         settings: of the solver.
         iterated: is told the pose after each iteration.
+        photo_from_anchor: (4, 4), the start that is not turned; None: the identity.
     """
     best: tuple[float, Alignment] | None = None
-    for start in _turns(degrees):
+    unturned = np.eye(4) if photo_from_anchor is None else photo_from_anchor
+    for turn in _turns(degrees):
+        start = turn @ unturned
         found = align(template, photo, start, gain, bias, settings, iterated)
         if found is None:
             continue

@@ -119,7 +119,7 @@ def pose_uncertainty(
     hessian = _product(design * weights, design)
     inverse = covariance_from_information(hessian)
     scores = design * (weights * residuals)
-    blocks = _blocks(template, photo.camera, settings.blocks)
+    blocks = blocks_of(template, photo.camera, settings.blocks)
     sums = np.stack([np.bincount(blocks, score) for score in scores])
     between, within = sums @ sums.T, _product(scores, scores)
 
@@ -134,7 +134,7 @@ def pose_uncertainty(
     root = np.asarray(np.linalg.cholesky(inverse), dtype=np.float64)
     seen = design.copy()
     seen[:6] = _photo_jacobian(template, photo, alignment)
-    grains = _blocks(template, photo.camera, max(1, photo.camera.width // _GRAIN))
+    grains = blocks_of(template, photo.camera, max(1, photo.camera.width // _GRAIN))
     kept, axes = _shared_information(design, seen, weights, root, grains)
     whole = factor * (root.T @ middle @ root)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
@@ -203,7 +203,7 @@ def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment)
     return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
 
 
-def _blocks(template: Template, camera: Camera, count: int) -> IntArray:
+def blocks_of(template: Template, camera: Camera, count: int) -> IntArray:
     """A number for each template point's block of the anchor image, (N,)."""
     x, y, z = template.points
     size = np.float32(camera.width / count)

@@ -12,9 +12,8 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array, short_repr
 from gscpe.errors import CameraError
 from gscpe.geometry.camera import Camera
-from gscpe.geometry.lens import image_of_directions
-from gscpe.geometry.projection import pixel_centres, unproject
 from gscpe.scene.image_array import check_image
+from gscpe.scene.undistortion import Undistortion
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +46,19 @@ def resized_photo(photo: Photo, scale: float) -> Photo:
     """The photo at about ``scale`` times its size, its camera scaled by what it really was."""
     height, width = photo.rgb.shape[:2]
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    # Like the undistortion: OpenCV's cubic kernel moves edges by a fraction of a pixel.
-    kernel = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LANCZOS4
-    rgb = np.asarray(cv2.resize(photo.rgb, size, interpolation=kernel), dtype=np.uint8)
+    rgb = resized_image(photo.rgb, *size)
     valid = None
     if photo.valid is not None:
         share = cv2.resize(photo.valid.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
         valid = np.asarray(share > 0.99)
     return Photo(rgb, photo.camera.resized(*size), valid)
+
+
+def resized_image(image: UInt8Array, width: int, height: int) -> UInt8Array:
+    """An image, (H, W) or (H, W, C), at another size."""
+    # Like the undistortion: OpenCV's cubic kernel moves edges by a fraction of a pixel.
+    kernel = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_LANCZOS4
+    return np.asarray(cv2.resize(image, (width, height), interpolation=kernel), dtype=np.uint8)
 
 
 def shrink(image: Float32Array, width: int, height: int) -> Float32Array:
@@ -87,33 +91,9 @@ def to_photo(image: UInt8Array, camera: Camera) -> Photo:
     rgb = np.ascontiguousarray(image[:, :, :3])
     if camera.is_pinhole:
         return Photo(rgb, camera, _unless_all(seen))
-    pinhole = camera.without_distortion()
-    map_u, map_v, valid = _source_pixels(camera, pinhole)
-    # OpenCV's cubic kernel shifts by up to 0.05 px with the phase; this one by up to 0.03.
-    undistorted = cv2.remap(rgb, map_u, map_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-    valid &= (map_u >= 0) & (map_u <= camera.width - 1)
-    valid &= (map_v >= 0) & (map_v <= camera.height - 1)
-    if seen is not None:
-        share = cv2.remap(seen.astype(np.float32), map_u, map_v, cv2.INTER_LINEAR)
-        valid &= share > 0.99
-    return Photo(np.asarray(undistorted, dtype=np.uint8), pinhole, _unless_all(valid))
-
-
-def _source_pixels(camera: Camera, pinhole: Camera) -> tuple[Float32Array, Float32Array, BoolArray]:
-    """Where each pixel of the pinhole's photo is in the camera's, OpenCV's pixels, and whether
-    the lens images it at all; (H, W) each."""
-    size = (pinhole.height, pinhole.width)
-    if not camera.fisheye:
-        map_u, map_v = cv2.initUndistortRectifyMap(
-            *(camera.opencv_matrix(), np.asarray(camera.distortion), np.eye(3)),
-            *(pinhole.opencv_matrix(), size[::-1], cv2.CV_32FC1),
-        )
-        return np.asarray(map_u), np.asarray(map_v), np.ones(size, dtype=bool)
-    pixels = pixel_centres(pinhole).reshape(-1, 2)
-    directions = unproject(pinhole, pixels, np.ones(len(pixels)))
-    images, imaged = image_of_directions(camera, directions)
-    map_u, map_v = (images.T - 0.5).astype(np.float32).reshape(2, *size)
-    return map_u, map_v, imaged.reshape(size)
+    undistortion = Undistortion.of(camera)
+    valid = undistortion.valid(seen)
+    return Photo(undistortion.image(rgb), undistortion.pinhole, _unless_all(valid))
 
 
 def _unless_all(valid: BoolArray | None) -> BoolArray | None:

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The solver's loops over pixels, compiled by Numba: several times faster than NumPy, in one
+thread, and without Python's lock, so that another thread may render meanwhile.
+
+They do what ``lucas_kanade.py`` says in NumPy, which is used where Numba is not installed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.geometry.camera import Camera
+from gscpe.interrupts import interrupts_later
+from gscpe.render.compiled import compiled
+
+_F = np.float32
+_BLOCK = 128
+_NEAREST = _F(1e-3)
+
+
+@compiled(fastmath={"contract"})
+def _residuals(points, intensities, image, valid, pose, camera, light, residuals, usable):
+    """Fills residuals and usable, (N,) each; returns how many are usable."""
+    height, width = image.shape
+    right, bottom = _F(width - 1), _F(height - 1)
+    fx, fy, cx, cy = camera[0], camera[1], camera[2] - _F(0.5), camera[3] - _F(0.5)
+    gain, bias = light[0], light[1]
+    count = 0
+    for i in range(intensities.shape[0]):
+        residuals[i] = _F(0.0)
+        usable[i] = False
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        ahead = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+        if not ahead > _NEAREST:
+            continue
+        inverse = _F(1.0) / ahead
+        u = (pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]) * inverse * fx + cx
+        v = (pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]) * inverse * fy + cy
+        if not (u >= _F(0.0) and v >= _F(0.0) and u < right and v < bottom):
+            continue
+        left, top = np.intp(u), np.intp(v)
+        if not (valid[top, left] and valid[top, left + 1]):
+            continue
+        if not (valid[top + 1, left] and valid[top + 1, left + 1]):
+            continue
+        a, b = u - _F(left), v - _F(top)
+        upper = image[top, left] + a * (image[top, left + 1] - image[top, left])
+        lower = image[top + 1, left] + a * (image[top + 1, left + 1] - image[top + 1, left])
+        residuals[i] = upper + b * (lower - upper) - (gain * intensities[i] + bias)
+        usable[i] = True
+        count += 1
+    return count
+
+
+@compiled(fastmath={"contract", "reassoc", "nsz"})
+def _normal_equations(
+    jacobian, intensities, residuals, usable, gain, per_cutoff, hessian, right
+):  # fmt: skip
+    """Adds to the hessian, (8, 8), its upper half, and to the right side, (8,)."""
+    design = np.empty((9, _BLOCK), dtype=np.float32)
+    weighted = np.empty((8, _BLOCK), dtype=np.float32)
+    count = intensities.shape[0]
+    for begin in range(0, count, _BLOCK):
+        size = min(_BLOCK, count - begin)
+        for k in range(size):
+            i = begin + k
+            scaled = residuals[i] * per_cutoff
+            kept = max(_F(1.0) - scaled * scaled, _F(0.0))
+            weight = kept * kept if usable[i] else _F(0.0)
+            for j in range(6):
+                design[j, k] = gain * jacobian[i, j]
+            design[6, k] = intensities[i]
+            design[7, k] = _F(1.0)
+            design[8, k] = residuals[i]
+            for j in range(8):
+                weighted[j, k] = weight * design[j, k]
+        for j in range(8):
+            for m in range(j, 9):
+                total = _F(0.0)
+                for k in range(size):
+                    total += weighted[j, k] * design[m, k]
+                if m < 8:
+                    hessian[j, m] += total
+                else:
+                    right[j] += total
+
+
+def residuals_of(
+    points: Float32Array,
+    intensities: Float32Array,
+    image: Float32Array,
+    valid: BoolArray,
+    photo_from_anchor: Float64Array,
+    camera: Camera,
+    gain: float,
+    bias: float,
+) -> tuple[Float32Array, BoolArray]:
+    """As :func:`gscpe.refinement.lucas_kanade.residuals_of`."""
+    residuals = np.empty(len(intensities), dtype=np.float32)
+    usable = np.empty(len(intensities), dtype=np.bool_)
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype=np.float32)
+    _residuals(
+        *(points, intensities, image, valid, photo_from_anchor[:3].astype(np.float32), lens),
+        *(np.array([gain, bias], dtype=np.float32), residuals, usable),
+    )
+    return residuals, usable
+
+
+def normal_equations(
+    jacobian: Float32Array,
+    intensities: Float32Array,
+    residuals: Float32Array,
+    usable: BoolArray,
+    gain: float,
+    cutoff: float,
+) -> tuple[Float64Array, Float64Array]:
+    """Of a step, (8, 8) and (8,), with Tukey's weights that end at the cutoff; infinite: all
+    weigh alike."""
+    hessian, right = np.zeros((8, 8)), np.zeros(8)
+    _normal_equations(
+        *(jacobian, intensities, residuals, usable, _F(gain), _F(1.0 / cutoff), hessian, right)
+    )
+    return hessian + np.triu(hessian, 1).T, right
+
+
+def compile_now() -> None:
+    """Compiles the loops, or loads them from Numba's cache. An interrupt waits: in Numba's
+    compiler it would be lost."""
+    with interrupts_later():
+        points = np.ones((3, 1), dtype=np.float32)
+        image, ones = np.ones((2, 2), dtype=np.float32), np.ones(1, dtype=np.float32)
+        camera = Camera.pinhole(2, 2, fx=1.0, fy=1.0, cx=1.0, cy=1.0)
+        residuals, usable = residuals_of(
+            points, ones, image, np.ones((2, 2), dtype=np.bool_), np.eye(4), camera, 1.0, 0.0
+        )
+        jacobian = np.ones((1, 6), dtype=np.float32)
+        normal_equations(jacobian, ones, residuals, usable, 1.0, np.inf)

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is done beside the frames: one thread renders anchors, one localizes and checks."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Callable, Generic, TypeVar
+
+_T = TypeVar("_T")
+
+
+class Errand(Generic[_T]):
+    """Something that is done in another thread, one at a time."""
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._future: Future[_T] | None = None
+
+    @property
+    def under_way(self) -> bool:
+        """Whether its answer has not been fetched yet."""
+        return self._future is not None
+
+    def begin(self, work: Callable[[], _T]) -> None:
+        assert self._future is None
+        self._future = self._pool.submit(work)
+
+    def fetch(self, wait: bool = False) -> tuple[_T] | None:
+        """What came of it, once; None where nothing is there yet. Raises what it raised."""
+        future = self._future
+        if future is None or not (wait or future.done()):
+            return None
+        self._future = None
+        return (future.result(),)
+
+    def forget(self) -> None:
+        """Its answer is not wanted any more; what has begun is done to its end."""
+        if self._future is not None:
+            self._future.cancel()
+            self._future = None
+
+    def close(self) -> None:
+        """Waits for what has begun, and ends the thread."""
+        self._pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera's way: what is known of it, and the anchors around it."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.geometry import se3
+from gscpe.geometry.camera import Camera
+from gscpe.localization import LocalizationResult, Localizer
+from gscpe.tracking.anchors import Anchor, make_anchor, nearest
+from gscpe.tracking.background import Errand
+from gscpe.tracking.carry import Carried
+from gscpe.tracking.check import Check
+from gscpe.tracking.follow import (
+    Followed,
+    covariance_of,
+    doubt_about_picture,
+    doubt_about_sigmas,
+    follow,
+)
+from gscpe.tracking.frames import Frame
+from gscpe.tracking.motion import MotionState, Prediction
+from gscpe.tracking.result import TrackingResult, TrackingStatus, lost
+from gscpe.tracking.settings import TrackingSettings
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_UNSEEN = 30
+"""Frames after which nothing is expected of the motion before."""
+_FIRST_LEAD = 2.0
+"""Frames that an anchor takes, before one was measured."""
+_BEYOND = 0.75
+"""An anchor is asked for so much of its reach beyond where it will be needed first."""
+_MOST_FRAMES_AHEAD = 12.0
+
+
+class Course:
+    """Follows a camera that was found, until it is lost.
+
+    Attributes:
+        state: what is known of the camera's motion; None where nothing is.
+    """
+
+    def __init__(self, localizer: Localizer, settings: TrackingSettings) -> None:
+        self.state: MotionState | None = None
+        self._localizer = localizer
+        self._settings = settings
+        self._anchors: list[Anchor] = []
+        self._next: Errand[Anchor | None] = Errand("gscpe-tracker-anchors")
+        self._check = Check(localizer, settings.trust)
+        self._light = 1.0, 0.0
+        self._lost = 0
+        self._found_anew = False
+        self._lead = _FIRST_LEAD
+        self._interval = 1.0
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether the last frame had a pose."""
+        return self.state is not None and self._lost == 0
+
+    @property
+    def wants_search(self) -> bool:
+        """Whether the localizer should look for the camera."""
+        patience = 1 if self._settings.wait else self._settings.patience
+        return self.state is None or self._lost >= patience
+
+    def begin(self, found: Carried) -> None:
+        """A camera that was found at the frame before the next one."""
+        self._start_at(found.state, found.anchor)
+
+    def begin_at(self, result: LocalizationResult, anchor: Anchor, frame: Frame) -> TrackingResult:
+        """A camera that was found at this frame."""
+        assert result.cam_from_world is not None and result.aligned is not None
+        self._start_at(MotionState.at_rest(result.cam_from_world, frame.time), anchor)
+        self._found_anew = False
+        agreement = result.aligned.agreement
+        pose, covariance = result.cam_from_world, result.covariance
+        return TrackingResult("relocalized", None, pose, covariance, 0, agreement, 0.0)
+
+    def _start_at(self, state: MotionState, anchor: Anchor) -> None:
+        self.state, self._anchors = state, [anchor]
+        self._next.forget()
+        self._check.forget(anchor.asked)
+        self._light, self._lost, self._found_anew = (1.0, 0.0), 0, True
+
+    def follow(self, frame: Frame, image: UInt8Array, camera: Camera) -> TrackingResult:
+        """The next frame."""
+        self._take_anchor(frame.index)
+        contradiction = self._check.contradiction(frame.index)
+        if contradiction is not None:
+            self.state = None
+            return lost(contradiction)
+        if self.state is None:
+            return lost("the camera is lost")
+        elapsed = frame.time - self.state.time
+        expected = self.state.predicted(frame.time, frame.motion)
+        outcome = frame.trouble() or self._aligned(frame, expected)
+        if isinstance(outcome, str):
+            self._lost += 1
+            self.state = self.state.not_seen(frame.time, frame.motion)
+            if self.state.unseen > _LONGEST_UNSEEN:
+                self.state = None
+            return lost(outcome)
+        followed, covariance = outcome
+        status = self._accept(followed, frame, elapsed)
+        self._check.begin(frame, image, camera, followed, covariance)
+        return TrackingResult(
+            status,
+            None,
+            followed.cam_from_world,
+            covariance,
+            frame.index - followed.anchor.asked,
+            followed.agreement.correlation,
+            0.0,
+        )
+
+    def _aligned(self, frame: Frame, expected: Prediction) -> tuple[Followed, Float64Array] | str:
+        """The frame aligned, and its covariance; or why it cannot be trusted."""
+        settings, trust = self._settings, self._settings.trust
+        anchor = self._anchor_for(expected, frame)
+        reason = None
+        for wide in (False, True):
+            found = follow(frame, anchor, expected, self._light, settings, wide)
+            if isinstance(found, str):
+                reason = reason or found
+                continue
+            doubt = doubt_about_picture(found, trust, wide or self._lost > 0)
+            if doubt is None:
+                covariance = covariance_of(found, frame, settings)
+                doubt = doubt_about_sigmas(covariance, anchor, trust, self._localizer.map.frame)
+                if doubt is None:
+                    return found, covariance
+            reason = reason or doubt
+        assert reason is not None
+        return reason
+
+    def _accept(self, followed: Followed, frame: Frame, elapsed: float) -> TrackingStatus:
+        """Goes on from this frame, and asks for the next anchor if it is time."""
+        assert self.state is not None
+        pose = followed.cam_from_world
+        self.state = self.state.seen(pose, frame.time, followed.surprise_pixels)
+        self._light = followed.alignment.gain, followed.alignment.bias
+        status: TrackingStatus = "relocalized" if self._found_anew or self._lost else "tracking"
+        self._lost, self._found_anew = 0, False
+        self._interval += 0.2 * (elapsed - self._interval) if frame.index > 1 else 0.0
+        if not self._next.under_way:
+            self._plan(followed, frame)
+        return status
+
+    def _plan(self, followed: Followed, frame: Frame) -> None:
+        """Asks for an anchor where the camera will be once it is there, if all that there are will
+        be too far then."""
+        assert self.state is not None
+        step, pose = self.state.velocity * self._interval, followed.cam_from_world
+        ready = se3.exp(self._lead * step) @ pose
+        reach = self._settings.anchor_pixels
+        if nearest(self._anchors, ready)[1] <= reach:
+            return
+        motion = followed.anchor.template.motion
+        speed = float(np.sqrt(step @ motion @ step))
+        ahead = min(self._lead + _BEYOND * reach / max(speed, 0.1), _MOST_FRAMES_AHEAD)
+        self._ask(se3.exp(ahead * step) @ pose, frame)
+
+    def _ask(self, cam_from_world: Float64Array, frame: Frame) -> None:
+        """Asks for an anchor."""
+        scale, settings = self._localizer.map.frame.scale, self._settings
+        self._next.begin(
+            lambda: make_anchor(
+                self._localizer, frame.camera, cam_from_world, settings, scale, frame.index
+            )
+        )
+
+    def _take_anchor(self, index: int, wait: bool = False) -> None:
+        """Takes the anchor that was asked for, if it is there."""
+        fetched = self._next.fetch(wait)
+        if fetched is None:
+            return
+        (anchor,) = fetched
+        if anchor is not None:
+            took = float(index - anchor.asked)
+            self._lead += 0.5 * (took - self._lead)
+            self._anchors = [*self._anchors, anchor][-self._settings.anchors :]
+
+    def _anchor_for(self, expected: Prediction, frame: Frame) -> Anchor:
+        """The nearest anchor; waits for a nearer one if it is far, and waiting is allowed."""
+        pose, farthest = expected.cam_from_world, self._settings.farthest_pixels
+        anchor, distance = nearest(self._anchors, pose)
+        if not self._settings.wait or distance <= farthest:
+            return anchor
+        if not self._next.under_way:
+            self._ask(pose, frame)
+        self._take_anchor(frame.index, wait=True)
+        return nearest(self._anchors, pose)[0]
+
+    def close(self) -> None:
+        self._next.close()
+        self._check.close()

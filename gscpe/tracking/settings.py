@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gscpe.errors import SettingsError
+from gscpe.refinement import LucasKanadeSettings, UncertaintySettings, VisibilitySettings
+
+
+@dataclass(frozen=True)
+class TrustSettings:
+    """What a frame must show, so that its pose is reported (measured: docs/tracking.md).
+
+    Attributes:
+        min_agreement: correlation of anchor and frame, mean over blocks of the picture.
+        min_alike: share of the blocks whose correlation is above one half.
+        sure_agreement: what ``min_agreement`` is when a camera is found again without matches.
+        min_overlap: share of the anchor's pixels that the frame shows.
+        max_gain: largest factor of contrast between anchor and frame, either way.
+        max_sigma: metres, standard deviation of the pose in its worst direction, and ...
+        max_sigma_degrees: ... of its rotation. Lengths are for surfaces 2 m away or nearer.
+        max_surprise_pixels: a frame that moved so much further than was predicted must show the
+            sure agreement.
+        check_frames: so many frames after the last check, matches with a render confirm the pose.
+        max_unconfirmed: checks in a row that may find too few matches.
+    """
+
+    min_agreement: float = 0.5
+    min_alike: float = 0.4
+    sure_agreement: float = 0.6
+    min_overlap: float = 0.25
+    max_gain: float = 4.0
+    max_sigma: float = 0.1
+    max_sigma_degrees: float = 3.0
+    max_surprise_pixels: float = 30.0
+    check_frames: int = 60
+    max_unconfirmed: int = 2
+
+    def __post_init__(self) -> None:
+        if self.check_frames < 1 or self.max_unconfirmed < 0 or self.max_gain < 1:
+            raise SettingsError(
+                "tracking needs check_frames >= 1, max_unconfirmed >= 0 and max_gain >= 1"
+            )
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Settings of a :class:`gscpe.Tracker`. Pixels are those of the frame as it is aligned: at
+    the resolution of the map's references, times ``scale``.
+
+    Attributes:
+        wait: frames wait for the localizer where the camera is not known, and for the next anchor
+            where the last is far. For files; a live camera must not wait.
+        scale: of the frames; 0.5 is twice as fast, and less exact.
+        levels: times the images are halved.
+        template_pixels: of an anchor at full size, ...
+        coarse_pixels: ... and in each smaller image, at most.
+        judged_pixels: ... of these are enough for the covariance.
+        anchor_pixels: once the image has moved so far from all anchors (root mean square), the
+            next one is rendered.
+        farthest_pixels: beyond this, a frame waits for the next anchor if it may wait.
+        anchors: so many are kept, for cameras that turn back.
+        patience: frames without a pose until the localizer is asked.
+        kept_frames: frames that are kept while it works, to carry its answer forward.
+        solver: at each level; ``max_template_pixels`` is replaced by the pixels above.
+        visibility: mask of the anchors.
+        uncertainty: of the covariance.
+        trust: when a pose is reported.
+    """
+
+    wait: bool = False
+    scale: float = 1.0
+    levels: int = 4
+    template_pixels: int = 20_000
+    coarse_pixels: int = 5_000
+    judged_pixels: int = 5_000
+    anchor_pixels: float = 12.0
+    farthest_pixels: float = 32.0
+    anchors: int = 3
+    patience: int = 3
+    kept_frames: int = 60
+    solver: LucasKanadeSettings = field(
+        default_factory=lambda: LucasKanadeSettings(max_iterations=20, converged_pixels=0.03)
+    )
+    visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
+    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
+    trust: TrustSettings = field(default_factory=TrustSettings)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.scale <= 1:
+            raise SettingsError(f"the scale of frames must lie in (0, 1], not {self.scale}")
+        if not 0 < self.anchor_pixels <= self.farthest_pixels:
+            raise SettingsError("tracking needs 0 < anchor_pixels <= farthest_pixels")
+        if min(self.levels, self.patience) < 1 or min(self.anchors, self.kept_frames) < 2:
+            raise SettingsError(
+                "tracking needs levels and patience >= 1, anchors and kept_frames >= 2"
+            )
+        if (
+            min(self.template_pixels, self.coarse_pixels, self.judged_pixels)
+            < self.solver.min_pixels
+        ):
+            raise SettingsError(
+                f"a template needs at least the solver's {self.solver.min_pixels} pixels"
+            )
