@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
 from tqdm import tqdm
 
 from gscpe.arrays import UInt8Array
@@ -44,8 +45,7 @@ class Tally:
         counts: frames by status: tracking, relocalized, lost, and failed, those that could not be
             read.
         dropped: frames that came while the tracker was busy.
-        seconds: in the tracker.
-        worst_seconds: of a frame.
+        seconds: that each frame took in the tracker.
         without_odometry: frames whose motion the odometry does not know, where there is one.
     """
 
@@ -53,8 +53,7 @@ class Tally:
         default_factory=lambda: dict.fromkeys(("tracking", "relocalized", "lost", "failed"), 0)
     )
     dropped: int = 0
-    seconds: float = 0.0
-    worst_seconds: float = 0.0
+    seconds: list[float] = field(default_factory=list)
     without_odometry: int = 0
 
     @property
@@ -78,11 +77,11 @@ class Tally:
         if counts["failed"]:
             parts.append(f"{counts['failed']} unreadable")
         text = f"{self.frames} frames: {', '.join(parts)}"
-        seen = self.frames - counts["failed"]
-        if seen and self.seconds > 0:
+        if sum(self.seconds) > 0:
+            milliseconds = 1000.0 * np.asarray(self.seconds)
             text += (
-                f"; {seen / self.seconds:.1f} frames a second, worst frame "
-                f"{1000 * self.worst_seconds:.0f} ms"
+                f"; {1000.0 / milliseconds.mean():.1f} frames a second, median "
+                f"{np.median(milliseconds):.0f} ms, worst {milliseconds.max():.0f} ms"
             )
         return text
 
@@ -127,10 +126,8 @@ def follow(
                 motion = _motion(odometry, before, frame, tally)
                 began = time.perf_counter()
                 result = tracker.track(frame.image, frame.camera, frame.time, motion)
-                seconds = time.perf_counter() - began
+                tally.seconds.append(time.perf_counter() - began)
                 before = frame.time
-                tally.seconds += seconds
-                tally.worst_seconds = max(tally.worst_seconds, seconds)
             tally.counts["failed" if result is None else result.status] += 1
             for observer in observers:
                 observer.add(frame, result)

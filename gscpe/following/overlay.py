@@ -31,6 +31,7 @@ from gscpe.tracking import TrackingResult
 OVERLAY_ENDINGS = (".mp4", ".mkv", ".avi", ".mov")
 
 _WIDEST = 640  # pixels, of each of the three pictures
+_LINE = 24  # rows of the text above
 _RATE = 30.0  # frames a second, of frames without times
 _MOST, _LEAST = 120.0, 1.0
 _JPEG_QUALITY = 92
@@ -169,10 +170,9 @@ class Overlay(Closing):
         picture = np.hstack([photo.rgb, render, difference])
         height, width = (2 * (side // 2) for side in picture.shape[:2])  # as codecs want it
         picture = np.ascontiguousarray(picture[:height, :width])
-        for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            line = f"{frame.name}  {text}"
-            font = cv2.FONT_HERSHEY_SIMPLEX
-            cv2.putText(picture, line, (8, 18), font, 0.45, colour, thickness, cv2.LINE_AA)
+        picture[:_LINE] //= 3
+        line, font = f"{frame.name}  {text}", cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(picture, line, (8, 17), font, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         return picture
 
     def _writer(self, picture: UInt8Array) -> Any:

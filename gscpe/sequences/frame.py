@@ -84,7 +84,7 @@ class InOrder(Frames):
         before: Frame | None = None
         self.trouble = None
         for number, read in enumerate(self._frames):
-            time = read.time if self._rate is None else number / self._rate
+            time = read.time if self._rate is None else round(number / self._rate, 9)
             stamp = (read.stamp or str(number)) if time is None else stamp_text(time)
             frame = replace(read, time=time, stamp=stamp)
             _check_time(before, frame)
