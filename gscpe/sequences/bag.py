@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, Iterator
 
@@ -22,6 +23,7 @@ from gscpe.sequences.ros_messages import (
 )
 
 BAG_ENDINGS = {".bag", ".db3", ".mcap"}
+_RECTIFIED = re.compile(r"(^|_)rect(ified)?(_|$)")  # image_rect, image_rect_color
 _SHOWN = 12
 
 
@@ -228,7 +230,7 @@ def _camera_beside(bag: _Bag, topic: str, path: Path) -> Camera:
     message = next((message for _, message in bag.messages(beside)), None)
     if message is None:
         raise CameraError(f"{path}: {beside} has no messages: give --camera")
-    return camera_of_info(message, beside, rectified="rect" in parts[-1])
+    return camera_of_info(message, beside, rectified=_RECTIFIED.search(parts[-1]) is not None)
 
 
 def _first_line(error: Exception) -> str:
