@@ -19,7 +19,7 @@ where it cannot be chance. Measured on four kinds of scenes: docs/benchmarks.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,11 +32,10 @@ from gscpe.refinement.lucas_kanade import (
     LucasKanadeSettings,
     Template,
     residuals_of,
-    warp,
 )
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
-from gscpe.refinement.sampling import gradient, sample_bilinear
+from gscpe.refinement.sampling import gradient
 
 _LEAST_CURVATURE = 0.1
 """Where most residuals are beyond the kernel's bend, the curvature says nothing."""
@@ -192,8 +191,10 @@ def _product(a: Float32Array, b: Float32Array) -> Float64Array:
 def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment) -> Float32Array:
     """As the template's, (6, N), but of the photo's own gradients where its points are seen."""
     photo_from_anchor = alignment.photo_from_anchor
-    u, v, _ = warp(template.points, photo_from_anchor, photo.camera)
-    by_u, by_v = (sample_bilinear(image, photo.valid, u, v)[0] for image in gradient(photo.image))
+    by_u, by_v = (
+        residuals_of(template, replace(photo, image=image), photo_from_anchor, 0.0, 0.0)[0]
+        for image in gradient(photo.image)
+    )
     rotation, shift = np.split(photo_from_anchor[:3].astype(np.float32), [3], axis=1)
     x, y, z = rotation @ template.points + shift
     z = np.maximum(z, np.float32(1e-3))

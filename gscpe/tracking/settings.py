@@ -31,7 +31,7 @@ class TrustSettings:
     min_alike: float = 0.4
     sure_agreement: float = 0.6
     min_overlap: float = 0.25
-    max_gain: float = 4.0
+    max_gain: float = 10.0
     max_sigma: float = 0.1
     max_sigma_degrees: float = 3.0
     max_surprise_pixels: float = 30.0
@@ -66,7 +66,7 @@ class TrackingSettings:
         kept_frames: frames that are kept while it works, to carry its answer forward.
         solver: at each level; ``max_template_pixels`` is replaced by the pixels above.
         visibility: mask of the anchors.
-        uncertainty: of the covariance.
+        uncertainty: of the covariance; its factor is for ``judged_pixels``.
         trust: when a pose is reported.
     """
 
@@ -75,7 +75,7 @@ class TrackingSettings:
     levels: int = 4
     template_pixels: int = 20_000
     coarse_pixels: int = 5_000
-    judged_pixels: int = 5_000
+    judged_pixels: int = 20_000
     anchor_pixels: float = 12.0
     farthest_pixels: float = 32.0
     anchors: int = 3
@@ -85,7 +85,9 @@ class TrackingSettings:
         default_factory=lambda: LucasKanadeSettings(max_iterations=20, converged_pixels=0.03)
     )
     visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
-    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
+    uncertainty: UncertaintySettings = field(
+        default_factory=lambda: UncertaintySettings(factor=5.0)
+    )
     trust: TrustSettings = field(default_factory=TrustSettings)
 
     def __post_init__(self) -> None:

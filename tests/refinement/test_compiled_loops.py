@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled loops do what NumPy does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import ROOM_POSE, room, room_camera
+
+from gscpe.geometry import se3
+from gscpe.refinement import LucasKanadeSettings, lucas_kanade
+from gscpe.refinement.lucas_kanade import Alignment, align, build_template, residuals_of
+from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.scene import luminance
+
+pytest.importorskip("numba")
+
+CAMERA = room_camera(160, 120)
+STEP = se3.exp([0.03, -0.02, 0.05, 0.02, -0.03, 0.06])
+SETTINGS = LucasKanadeSettings()
+
+
+def levels(holes: float) -> tuple[AnchorLevel, ImageLevel]:
+    rng = np.random.default_rng(1)
+    shot = room(2, smoothness=2.0).shoot(CAMERA, ROOM_POSE)
+    photo = room(2, smoothness=2.0).shoot(CAMERA, STEP @ ROOM_POSE)
+    whole = np.ones(shot.depth.shape, dtype=bool)
+    grey = luminance(photo.rgb.astype(np.float32)) * np.float32(0.8) + np.float32(0.1)
+    valid = rng.uniform(size=whole.shape) >= holes
+    anchor = AnchorLevel(luminance(shot.rgb.astype(np.float32)), whole, CAMERA, shot.depth)
+    return anchor, ImageLevel(grey.astype(np.float32), valid, CAMERA)
+
+
+@pytest.fixture
+def without_numba(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Turns the loops off once it is told to."""
+    return monkeypatch
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+@pytest.mark.parametrize(
+    "pose",
+    [
+        se3.exp([1e-3, 0, 0, 0, 0, 2e-3]),
+        STEP,
+        se3.exp([0, 0, -2.2, 0, 0, 0]),
+        se3.exp([0, 0, 0, 0, 2.0, 0]),
+    ],
+)
+def test_residuals(
+    holes: float, pose: NDArray[np.float64], without_numba: pytest.MonkeyPatch
+) -> None:
+    anchor, photo = levels(holes)
+    template = build_template(anchor, SETTINGS)
+    assert template is not None
+    fast, fast_usable = residuals_of(template, photo, pose, 0.9, 0.05)
+    without_numba.setattr(lucas_kanade, "_compiled_loops", lambda: None)
+    slow, slow_usable = residuals_of(template, photo, pose, 0.9, 0.05)
+    # A point on the border itself may fall to either side.
+    assert np.count_nonzero(fast_usable != slow_usable) <= 3
+    both = fast_usable & slow_usable
+    np.testing.assert_allclose(fast[both], slow[both], atol=2e-5)
+    assert not np.any(fast[~fast_usable])
+
+
+@pytest.mark.parametrize("settings", [{}, {"robust": False}, {"gain_and_bias": False}])
+def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch) -> None:
+    anchor, photo = levels(0.05)
+    solver = LucasKanadeSettings(**settings)  # type: ignore[arg-type]
+    template = build_template(anchor, solver)
+    assert template is not None
+
+    def solve() -> Alignment:
+        near = se3.exp([0.005, 0, 0, 0, 0.004, 0]) @ STEP
+        found = align(template, photo, near, 0.8, 0.1, solver)
+        assert found is not None
+        return found
+
+    fast = solve()
+    without_numba.setattr(lucas_kanade, "_compiled_loops", lambda: None)
+    slow = solve()
+    assert fast.iterations == slow.iterations
+    assert fast.pixels == slow.pixels
+    np.testing.assert_allclose(fast.photo_from_anchor, slow.photo_from_anchor, atol=2e-6)
+    assert fast.gain == pytest.approx(slow.gain, abs=1e-5)
+    assert fast.residual == pytest.approx(slow.residual, rel=1e-3)

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole runs: a camera that is followed, lost, and found."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import replace
+from itertools import pairwise
+from typing import Iterator
+
+import numpy as np
+import pytest
+from moving_camera import CAMERA, black, foreign, picture, pose, the_map
+from numpy.typing import NDArray
+from scenes import room
+
+from gscpe import (
+    Camera,
+    Localizer,
+    Motion,
+    Tracker,
+    TrackingResult,
+    TrackingSettings,
+    TrustSettings,
+    map_without_references,
+    pose_difference,
+)
+from gscpe.errors import (
+    CameraError,
+    ClosedError,
+    InputError,
+    MapError,
+    PhotoError,
+    PoseError,
+    SettingsError,
+)
+from gscpe.evaluation import normalized_error_squared
+from gscpe.geometry import se3
+
+WAITS = TrackingSettings(wait=True)
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Iterator[Localizer]:
+    with Localizer(the_map(), matcher="sift") as localizer:
+        yield localizer
+
+
+@pytest.fixture
+def tracker(localizer: Localizer) -> Iterator[Tracker]:
+    with Tracker(localizer, WAITS) as tracker:
+        yield tracker
+
+
+def right(
+    result: TrackingResult,
+    true_pose: NDArray[np.float64],
+    metres: float = 0.01,
+    degrees: float = 0.2,
+) -> None:
+    """A pixel is a centimetre here; the map is made of one photo, its depth exact."""
+    assert result.cam_from_world is not None, result.reason
+    assert result.covariance is not None
+    error = pose_difference(result.cam_from_world, true_pose)
+    assert error.distance < metres
+    assert error.degrees < degrees
+    # Five standard deviations, in each of six directions together.
+    assert normalized_error_squared(result.cam_from_world, result.covariance, true_pose) < 6 * 25
+
+
+def until_found(tracker: Tracker, index: float, seconds: float = 60.0) -> TrackingResult:
+    """Shows a camera that stands still until its pose is known."""
+    end = time.monotonic() + seconds
+    while True:
+        result = tracker.track(picture(index), CAMERA)
+        if result.status != "lost" or time.monotonic() > end:
+            return result
+        time.sleep(0.02)
+
+
+def until_lost(tracker: Tracker, index: float, seconds: float = 60.0) -> TrackingResult:
+    """The same, until its pose is not known any more."""
+    end = time.monotonic() + seconds
+    while True:
+        result = tracker.track(picture(index), CAMERA)
+        if result.status == "lost" or time.monotonic() > end:
+            return result
+
+
+def test_follows_a_camera(tracker: Tracker) -> None:
+    results = [tracker.track(picture(index), CAMERA) for index in range(12)]
+    assert [result.status for result in results] == ["relocalized", *(11 * ["tracking"])]
+    for index, result in enumerate(results):
+        right(result, pose(index))
+        assert result.milliseconds > 0
+        assert result.anchor_age is not None
+        assert 0 <= result.anchor_age <= index
+        assert result.agreement > 0.6
+    ages = [result.anchor_age for result in results if result.anchor_age is not None]
+    assert any(later < earlier for earlier, later in pairwise(ages))  # new ones
+
+
+def test_measured_motion_leads_where_the_velocity_does_not(tracker: Tracker) -> None:
+    """A camera that starts, and jerks by 25 pixels a frame."""
+    at = [0.0, 0.0, 12.0, 3.0, 14.0]
+    tracker.track(picture(at[0]), CAMERA)
+    for before, index in pairwise(at):
+        measured = pose(index) @ se3.inverse(pose(before))
+        result = tracker.track(picture(index), CAMERA, motion=Motion(measured))
+        assert result.status == "tracking", result.reason
+        right(result, pose(index))
+
+
+def test_frames_that_show_nothing_are_lost_and_the_camera_is_found_again(
+    tracker: Tracker,
+) -> None:
+    for index in range(3):
+        tracker.track(picture(index), CAMERA)
+    for image, words in ((black(), "almost black"), (255 - black(), "almost white")):
+        result = tracker.track(image, CAMERA)
+        assert result.status == "lost"
+        assert result.reason is not None and words in result.reason
+        assert result.cam_from_world is None and result.covariance is None
+    result = tracker.track(picture(5), CAMERA)
+    assert result.status == "relocalized"
+    right(result, pose(5))
+    assert tracker.track(picture(6), CAMERA).status == "tracking"
+
+
+def test_pictures_of_another_place_are_lost(tracker: Tracker) -> None:
+    tracker.track(picture(0), CAMERA)
+    result = tracker.track(foreign(), CAMERA)
+    assert result.status == "lost"
+    assert result.reason is not None and "correlation" in result.reason
+    result = tracker.track(picture(1), CAMERA)
+    assert result.status == "relocalized"
+    right(result, pose(1))
+
+
+def test_a_fifth_covered_is_still_followed(tracker: Tracker) -> None:
+    tracker.track(picture(0), CAMERA)
+    for index in range(1, 4):
+        covered = picture(index).copy()
+        covered[:, :48] = (90, 70, 60)
+        result = tracker.track(covered, CAMERA)
+        assert result.status == "tracking", result.reason
+        right(result, pose(index))
+
+
+def test_a_jump_is_found_with_the_localizer(tracker: Tracker) -> None:
+    """Further than an alignment reaches: the camera is rolled by 45 degrees."""
+    for index in range(3):
+        tracker.track(picture(index), CAMERA)
+    rolled = se3.exp([0, 0, 0, 0, 0, 0.8]) @ pose(3)
+    image = room().shoot(CAMERA, rolled).uint8
+    result = tracker.track(image, CAMERA)
+    assert result.status == "relocalized", result.reason
+    right(result, rolled)
+    result = tracker.track(image, CAMERA)
+    assert result.status == "tracking", result.reason
+    right(result, rolled)
+
+
+def test_no_frame_waits_for_the_localizer_unless_told_to(localizer: Localizer) -> None:
+    """The first answer is about an old frame: it is carried forward to where the camera is."""
+    with Tracker(localizer, TrackingSettings(kept_frames=8)) as tracker:
+        first = tracker.track(picture(0), CAMERA)
+        assert first.status == "lost"
+        assert first.reason is not None and "the localizer is at work" in first.reason
+        for index in range(1, 10):
+            result = tracker.track(picture(index), CAMERA)
+        result = until_found(tracker, 9)
+        assert result.status == "relocalized", result.reason
+        right(result, pose(9))
+        assert tracker.track(picture(10), CAMERA).status == "tracking"
+
+
+def test_matches_end_a_wrong_pose(localizer: Localizer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tracker's own word is not enough: here the matches speak for another place."""
+    matched = localizer.match_at(picture(4), CAMERA, pose(4))
+    assert matched.doubt is None and matched.coarse is not None
+    elsewhere = se3.exp([0.08, 0, 0, 0, 0.05, 0]) @ pose(4)
+    wrong = replace(matched, coarse=replace(matched.coarse, cam_from_world=elsewhere))
+    with Tracker(localizer, TrackingSettings(trust=TrustSettings(check_frames=2))) as tracker:
+        assert until_found(tracker, 4).status == "relocalized"
+        with monkeypatch.context() as patch:
+            patch.setattr(Localizer, "match_at", lambda *_: wrong)
+            result = until_lost(tracker, 4)
+        assert result.status == "lost"
+        assert result.reason is not None
+        assert "matches with the map contradict the pose by" in result.reason
+        assert until_found(tracker, 4).status == "relocalized"
+
+
+def test_matches_that_fail_again_and_again_end_it_too(
+    localizer: Localizer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    matched = localizer.match_at(picture(4), CAMERA, pose(4))
+    unsure = replace(matched, doubt="only 3 matches agree with a pose (20 needed)")
+    trust = TrustSettings(check_frames=2, max_unconfirmed=1)
+    with Tracker(localizer, TrackingSettings(trust=trust)) as tracker:
+        until_found(tracker, 4)
+        monkeypatch.setattr(Localizer, "match_at", lambda *_: unsure)
+        result = until_lost(tracker, 4)
+        assert result.reason is not None
+        assert "do not confirm the pose: only 3 matches" in result.reason
+
+
+def test_closed_in_the_middle_it_leaves_no_thread() -> None:
+    before = set(threading.enumerate())
+    tracker = Tracker(the_map(), matcher="sift")
+    for index in range(3):
+        tracker.track(picture(index), CAMERA)  # the localizer is at work
+    tracker.close()
+    tracker.close()
+    assert set(threading.enumerate()) <= before
+    with pytest.raises(ClosedError, match="this tracker is closed"):
+        tracker.track(picture(3), CAMERA)
+
+
+def test_two_trackers_share_a_localizer(localizer: Localizer) -> None:
+    with Tracker(localizer, WAITS) as one, Tracker(localizer, WAITS) as other:
+        assert one.localizer is other.localizer
+        for index in range(4):
+            right(one.track(picture(index), CAMERA), pose(index))
+            right(other.track(picture(8 - index), CAMERA), pose(8 - index))
+    right_again = localizer.localize(picture(0), CAMERA)  # it was not closed with them
+    assert right_again.localized
+
+
+def test_a_tracker_in_many_threads_takes_one_frame_at_a_time(tracker: Tracker) -> None:
+    tracker.track(picture(0), CAMERA)
+    results: list[TrackingResult] = []
+    threads = [
+        threading.Thread(target=lambda: results.append(tracker.track(picture(1), CAMERA)))
+        for _ in range(6)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 6
+    for result in results:
+        right(result, pose(1))
+
+
+def test_a_closed_localizer_is_named(localizer: Localizer) -> None:
+    with Localizer(the_map(), matcher="sift") as other, Tracker(other, WAITS) as tracker:
+        tracker.track(picture(0), CAMERA)
+        other.close()
+        with pytest.raises(ClosedError, match="closed"):
+            for index in range(1, 40):
+                tracker.track(picture(index), CAMERA)
+
+
+def test_grey_and_transparent_and_distorted_frames(tracker: Tracker) -> None:
+    tracker.track(picture(0), CAMERA)
+    grey = np.asarray(np.rint(picture(1) @ np.array([0.299, 0.587, 0.114])), dtype=np.uint8)
+    right(tracker.track(grey, CAMERA), pose(1))
+    opaque = np.dstack([picture(2), np.full((180, 240), 255, dtype=np.uint8)])
+    opaque[:, :60, 3] = 0
+    opaque[:, :60, :3] = 200
+    right(tracker.track(opaque, CAMERA), pose(2))
+
+
+def test_smaller_frames_are_less_exact_and_say_so(localizer: Localizer) -> None:
+    """120x90 pixels."""
+    with Tracker(localizer, TrackingSettings(wait=True, scale=0.5)) as tracker:
+        for index in range(4):
+            result = tracker.track(picture(index), CAMERA)
+            right(result, pose(index), 0.04, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ((picture(0)[:100], CAMERA), CameraError, "its camera is 240x180"),
+        ((picture(0).astype(float), CAMERA), PhotoError, "uint8"),
+        ((picture(0), None), CameraError, "gscpe.Camera"),
+        ((picture(0), CAMERA, np.nan), InputError, "finite"),
+        ((picture(0), CAMERA, "now"), InputError, "finite"),
+        ((picture(0), CAMERA, None, np.eye(4)), PoseError, "gscpe.Motion"),
+        (("frame.png", CAMERA), PhotoError, "read_image"),
+    ],
+)
+def test_what_cannot_be_a_frame(
+    tracker: Tracker, arguments: tuple[object, ...], error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        tracker.track(*arguments)  # type: ignore[arg-type]
+    assert tracker.track(picture(0), CAMERA).status == "relocalized"  # it did not count
+
+
+def test_times_grow(tracker: Tracker) -> None:
+    tracker.track(picture(0), CAMERA, time=10.0)
+    tracker.track(picture(1), CAMERA, time=10.1)
+    with pytest.raises(InputError, match="not later than the last"):
+        tracker.track(picture(2), CAMERA, time=10.1)
+    with pytest.raises(InputError, match="every frame, or with none"):
+        tracker.track(picture(2), CAMERA)
+    right(tracker.track(picture(2), CAMERA, time=10.2), pose(2))
+
+
+def test_what_cannot_be_tracked_in() -> None:
+    with pytest.raises(MapError, match="no reference photos"):
+        Tracker(map_without_references(the_map().scene), matcher="sift")
+    with pytest.raises(SettingsError, match="TrackingSettings"):
+        Tracker(the_map(), settings=TrustSettings())  # type: ignore[arg-type]
+
+
+def test_a_localizer_renders_and_matches_as_it_does(localizer: Localizer) -> None:
+    with pytest.raises(SettingsError, match="leave backend and matcher out"):
+        Tracker(localizer, backend="cpu")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"scale": 0.0},
+        {"anchor_pixels": 50.0},
+        {"levels": 0},
+        {"anchors": 1},
+        {"template_pixels": 10},
+    ],
+)
+def test_settings_out_of_range(wrong: dict[str, float]) -> None:
+    with pytest.raises(SettingsError):
+        TrackingSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_another_camera_goes_on_in_the_same_map(tracker: Tracker) -> None:
+    """A lens that zooms: the anchors are those of the camera before, for a while."""
+    tracker.track(picture(0), CAMERA)
+    cropped = Camera.pinhole(
+        200, 150, fx=CAMERA.fx, fy=CAMERA.fy, cx=CAMERA.cx - 20, cy=CAMERA.cy - 15
+    )
+    result = tracker.track(picture(1)[15:165, 20:220].copy(), cropped)
+    assert result.status == "tracking"
+    right(result, pose(1))
