@@ -36,6 +36,7 @@ from gscpe.errors import (
     QueryListError,
     ReconstructionError,
     RenderError,
+    SequenceError,
     SettingsError,
     SplatError,
     TrainingError,
@@ -137,6 +138,9 @@ if TYPE_CHECKING:
     from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.reconstruction import refine_known_poses as refine_known_poses
     from gscpe.report import ReportSettings as ReportSettings
+    from gscpe.sequences import Frame as Frame
+    from gscpe.sequences import Frames as Frames
+    from gscpe.sequences import open_frames as open_frames
     from gscpe.tracking import Motion as Motion
     from gscpe.tracking import Tracker as Tracker
     from gscpe.tracking import TrackingResult as TrackingResult
@@ -161,6 +165,7 @@ else:
             "refine_known_poses",
         ),
         "gscpe.report": ("ReportSettings",),
+        "gscpe.sequences": ("Frame", "Frames", "open_frames"),
         "gscpe.tracking": (
             *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
         ),
@@ -203,7 +208,9 @@ __all__ = [
     "Evaluation",
     "FocalEstimate",
     "FocalSettings",
+    "Frame",
     "FrameCheckSettings",
+    "Frames",
     "FusionSettings",
     "GaussianScene",
     "GlobalDescriptors",
@@ -258,6 +265,7 @@ __all__ = [
     "RgbdMapSettings",
     "ScaleSource",
     "SceneRun",
+    "SequenceError",
     "SettingsError",
     "Similarity",
     "SplatError",
@@ -284,6 +292,7 @@ __all__ = [
     "measure_misfit",
     "move_references",
     "move_scene",
+    "open_frames",
     "open_map",
     "pose_difference",
     "read_cambridge",

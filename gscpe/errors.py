@@ -69,6 +69,10 @@ class ReconstructionError(InputError):
     """Photos or a video cannot be put together to a model of a place."""
 
 
+class SequenceError(InputError):
+    """Frames of a video, a list, a camera or a robot's recording (bag) cannot be read."""
+
+
 class OutputError(GscpeError):
     """A result cannot be written where it was asked to be."""
 

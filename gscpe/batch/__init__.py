@@ -6,7 +6,7 @@ from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details, result_details
 from gscpe.batch.instructions import TIMEOUT, Fingerprint, Instructions
 from gscpe.batch.priors import read_priors
-from gscpe.batch.record import localize_list, localize_with
+from gscpe.batch.record import keep_a_copy, localize_list, localize_with
 from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, write_poses
 from gscpe.batch.worker import Worker
 
@@ -21,6 +21,7 @@ __all__ = [
     "Worker",
     "check_outputs",
     "choose_workers",
+    "keep_a_copy",
     "localize_list",
     "localize_to_files",
     "localize_with",

@@ -86,7 +86,7 @@ def localize_with(
     marks: dict[str, str] = asdict(crew.fingerprint) if crew.fingerprint else {}
     finished = _still_true(crew, queries, read_details(details_path), marks) if resume else {}
     if not resume:
-        _keep_a_copy(details_path)
+        keep_a_copy(details_path)
     # Rewritten, so that a line cut off by the interruption does not stay.
     _write(details_path, finished.values(), "w")
     localized = sum(detail["status"] == "localized" for detail in finished.values())
@@ -132,7 +132,12 @@ def _still_true(
     return kept
 
 
-def _keep_a_copy(path: Path) -> None:
+def keep_a_copy(path: Path) -> None:
+    """Renames an earlier run's file, if it holds anything, to one with the ending ``.bak``.
+
+    Raises:
+        OutputError: it cannot be renamed.
+    """
     try:
         if path.is_file() and path.stat().st_size:
             path = path.resolve()  # a link stays one

@@ -30,6 +30,7 @@ _OPTIONAL = {
     "numba": "rendering on the CPU, several times faster than OpenGL in software",
     "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
     "onnx": "making trained networks: gscpe models install",
+    "rosbags": "following cameras in ROS bags",
     "pycolmap": "its RANSAC, in place of OpenCV's",
 }
 _CAMERA = Camera.pinhole(64, 48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

@@ -22,6 +22,7 @@ from gscpe.cli import (
     models,
     reconstruct,
     render,
+    track,
     train,
 )
 from gscpe.cli.streams import log_to_stderr, say, usable_streams
@@ -36,6 +37,7 @@ _COMMANDS = (
         train,
         build_map,
         localize,
+        track,
         benchmark,
         evaluate,
         convert_poses,

@@ -89,8 +89,14 @@ def _stamp(path: Path) -> float:
         ) from None
 
 
-def _read_camera(path: Path, photo: Path) -> Camera:
-    """The pinhole camera of a vikit calibration, at the size of the photo."""
+def read_vikit_camera(path: Path) -> Camera:
+    """The pinhole camera of a vikit calibration (camera_pinhole.yaml), at the size that was
+    calibrated; OpenCV's pixels become ours.
+
+    Raises:
+        DatasetError: the file is missing or has another form.
+        MissingDependencyError: PyYAML is not installed.
+    """
     source = f"{SOURCE}, config/camera_pinhole.yaml"
     tree = read_yaml(path, source)
     # cam_fx in ROS 1; some ROS 2 versions say fx.
@@ -110,22 +116,27 @@ def _read_camera(path: Path, photo: Path) -> Camera:
     calibrated = value("width"), value("height")
     if not all(1 <= length <= 1e6 and length == int(length) for length in calibrated):
         raise DatasetError(f"{path}: {calibrated} is not a possible image size")
-    width, height = image_size(photo)
-    # FAST-LIVO2 saves photos at `scale` times their size, rounded to whole pixels.
-    if abs(width * calibrated[1] / calibrated[0] - height) > 1.0:
-        raise DatasetError(
-            f"{photo} is {width}x{height}, which is not a scaled "
-            f"{calibrated[0]:.0f}x{calibrated[1]:.0f} of {path}"
-        )
     # d0 to d3 are OpenCV's k1, k2, p1, p2. The calibration has OpenCV's pixels, too: the centre
     # of the top-left one is (0, 0), ours is (0.5, 0.5).
     distortion = [value(f"d{i}", 0.0) for i in range(4)]
     parameters = [value("fx"), value("fy"), value("cx") + 0.5, value("cy") + 0.5, *distortion]
     try:
-        camera = Camera.from_colmap("OPENCV", int(calibrated[0]), int(calibrated[1]), parameters)
+        return Camera.from_colmap("OPENCV", int(calibrated[0]), int(calibrated[1]), parameters)
     except CameraError as error:
         raise DatasetError(f"{path}: {error}") from None
-    return camera.resized(width, height)
+
+
+def _read_camera(path: Path, photo: Path) -> Camera:
+    """The camera at the size of the photo."""
+    calibrated = read_vikit_camera(path)
+    width, height = image_size(photo)
+    # FAST-LIVO2 saves photos at `scale` times their size, rounded to whole pixels.
+    if abs(width * calibrated.height / calibrated.width - height) > 1.0:
+        raise DatasetError(
+            f"{photo} is {width}x{height}, which is not a scaled "
+            f"{calibrated.width}x{calibrated.height} of {path}"
+        )
+    return calibrated.resized(width, height)
 
 
 def _read_extrinsics(path: Path) -> Float64Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Mapping
 
 import numpy as np
 
@@ -30,6 +31,12 @@ class Trajectory:
 
     stamps: Float64Array
     world_from_body: Float64Array
+
+    @classmethod
+    def of(cls, poses: Mapping[str, Float64Array]) -> Trajectory:
+        """Of poses ``body_from_world``, (4, 4), by time, as :func:`parse_tum` has them."""
+        stamps, first = np.unique([float(stamp) for stamp in poses], return_index=True)
+        return cls(stamps, np.stack([inverse(pose) for pose in poses.values()])[first])
 
     def at(self, stamp: float, longest_gap: float = LONGEST_GAP_SECONDS) -> Float64Array | None:
         """``world_from_body``, (4, 4), at a time: slerp and linear between the two neighbours.
@@ -70,8 +77,7 @@ def read_trajectory(path: Path, source: str) -> Trajectory:
         raise DatasetError(str(error)) from None
     if not poses:
         raise DatasetError(f"{path} holds no poses; it comes from {source}")
-    stamps, first = np.unique([float(stamp) for stamp in poses], return_index=True)
-    world_from_body = np.stack([inverse(pose) for pose in poses.values()])[first]
-    if not (np.all(np.abs(stamps) < 1e15) and np.all(np.abs(world_from_body) < 1e15)):
+    trajectory = Trajectory.of(poses)
+    if not all(np.all(np.abs(v) < 1e15) for v in (trajectory.stamps, trajectory.world_from_body)):
         raise DatasetError(f"{path}: a stamp or a position is not a possible number")
-    return Trajectory(stamps, world_from_body)
+    return trajectory

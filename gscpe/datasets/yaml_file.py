@@ -21,7 +21,7 @@ def read_yaml(path: Path, source: str) -> Mapping[str, Any]:
         import yaml
     except ImportError as error:
         raise MissingDependencyError(
-            "reading FAST-LIVO2's calibration needs PyYAML: pip install 'gscpe[datasets]'"
+            "reading a calibration in YAML needs PyYAML: pip install 'gscpe[datasets]'"
         ) from error
     # OpenCV begins its files with %YAML:1.0, which is not a YAML directive.
     lines = [line for line in read_text(path, source).split("\n") if not line.startswith("%YAML")]

@@ -5,15 +5,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Iterator, Sequence
+from typing import Iterator, Sequence
 
 import cv2
 import numpy as np
 from tqdm import tqdm
 
 from gscpe.arrays import UInt8Array
-from gscpe.errors import ReconstructionError
+from gscpe.errors import ReconstructionError, SequenceError
 from gscpe.reconstruction.sharpness import sharpness
+from gscpe.sequences.video import OpenedVideo
 
 _LOOKED_AT = 480  # pixels, longer side, that motion and sharpness are measured on
 _A_SECOND = 12.0  # frames that are looked at
@@ -66,23 +67,23 @@ def watch(path: Path, progress: bool = False) -> list[WatchedFrame]:
     watched: list[WatchedFrame] = []
     before: UInt8Array | None = None
     way = 0.0
-    with _Opened(path) as video:
+    with _opened(path) as video:
         every = max(1, round(video.frames_a_second / _A_SECOND))
         bar = tqdm(
             desc=f"watching {path.name}", total=video.length, unit="frame", disable=not progress
         )
         with bar:
-            for number, decode in video:
+            for encoded in video:
                 bar.update()
-                if number % every:
+                if encoded.number % every:
                     continue
-                frame = decode()
+                frame = encoded.decode_bgr()
                 if frame is None:
                     continue
                 small = _small_grey(frame)
                 # From a frame a little back: a hand that shakes gets nowhere.
                 moved = 0.0 if before is None else _motion(before, small)
-                watched.append(WatchedFrame(number, way + moved, sharpness(small)))
+                watched.append(WatchedFrame(encoded.number, way + moved, sharpness(small)))
                 if before is None or moved >= _FOLLOWED:
                     before, way = small, way + moved
     if not watched:
@@ -103,47 +104,23 @@ def read_frames(path: Path, numbers: Sequence[int]) -> Iterator[tuple[int, UInt8
     """The frames with these numbers, in order, (H, W, 3) RGB; those that cannot be decoded are
     left out."""
     wanted = set(numbers)
-    with _Opened(path) as video:
-        for number, decode in video:
-            if number in wanted:
-                frame = decode()
+    with _opened(path) as video:
+        for encoded in video:
+            if encoded.number in wanted:
+                frame = encoded.decode_bgr()
                 if frame is not None:
-                    yield number, np.asarray(frame[:, :, ::-1])
-                wanted.discard(number)
+                    yield encoded.number, np.asarray(frame[:, :, ::-1])
+                wanted.discard(encoded.number)
                 if not wanted:
                     return
 
 
-class _Opened:
-    """A video; iterates over frame numbers and functions that decode them (BGR), upright."""
-
-    def __init__(self, path: Path) -> None:
-        self._capture: Any = cv2.VideoCapture(str(path))
-        if not self._capture.isOpened():
-            raise ReconstructionError(
-                f"{path} cannot be opened as a video; is it damaged? Convert it (ffmpeg -i "
-                f"{path.name} -c:v libx264 out.mp4), or give a folder of photos"
-            )
-        rate = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.frames_a_second: float = rate if 1.0 <= rate <= 1000.0 else 30.0
-        length = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        self.length = length if length > 0 else None
-
-    def __enter__(self) -> _Opened:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._capture.release()
-
-    def __iter__(self) -> Iterator[tuple[int, Any]]:
-        number = 0
-        while self._capture.grab():
-            yield number, self._decode
-            number += 1
-
-    def _decode(self) -> UInt8Array | None:
-        found, frame = self._capture.retrieve()
-        return np.asarray(frame, dtype=np.uint8) if found and frame is not None else None
+def _opened(path: Path) -> OpenedVideo:
+    """Raises ReconstructionError where it cannot be opened."""
+    try:
+        return OpenedVideo(path)
+    except SequenceError as error:
+        raise ReconstructionError(str(error)) from error
 
 
 def _small_grey(frame: UInt8Array) -> UInt8Array:

@@ -9,8 +9,7 @@ from typing import Sequence
 
 from gscpe.errors import ReconstructionError
 from gscpe.scene.query_list import PHOTO_ENDINGS
-
-VIDEO_ENDINGS = {".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".3gp", ".mpg"}
+from gscpe.sequences.video import VIDEO_ENDINGS
 
 
 @dataclass(frozen=True)

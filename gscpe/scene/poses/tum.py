@@ -58,10 +58,15 @@ def format_tum(poses: Mapping[str, Float64Array], names: Sequence[str]) -> str:
         raise PoseError(f"{missing[0]} has a pose, but is not in the list of photos")
     lines = []
     for name in sorted(poses, key=lambda name: float(stamps[name])):
-        (qw, qx, qy, qz), t = se3.to_quaternion_translation(se3.inverse(poses[name]))
-        numbers = " ".join(f"{number:.12g}" for number in (*t, qx, qy, qz, qw))
-        lines.append(f"{stamps[name]} {numbers}\n")
+        lines.append(tum_line(stamps[name], poses[name]))
     return "".join(lines)
+
+
+def tum_line(stamp: str, cam_from_world: Float64Array) -> str:
+    """A line of a file: time, and camera to world."""
+    (qw, qx, qy, qz), t = se3.to_quaternion_translation(se3.inverse(cam_from_world))
+    numbers = " ".join(f"{number:.12g}" for number in (*t, qx, qy, qz, qw))
+    return f"{stamp} {numbers}\n"
 
 
 def timestamps(names: Sequence[str]) -> list[str]:
