@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
@@ -45,7 +45,7 @@ from gscpe.scene.colmap_database import set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
 
 _LEAST_PHOTOS = 3
-_RANKS = sorted({round(1.3**power) - 1 for power in range(18)})
+_RANKS = sorted({round(1.5**power) - 1 for power in range(12)})
 """Which of the nearest cameras a photo is matched with: all of the first, and fewer and fewer, up
 to the 86th, so that a slow walk is matched over more than its last steps."""
 
@@ -232,7 +232,10 @@ def _pairs(
 ) -> list[tuple[str, str]]:
     """By looks and order, and by poses."""
     names = [photo.name for photo in photos]
-    chosen = dict.fromkeys(choose_pairs(photos, images, settings, progress))
+    fewer = replace(
+        settings, most_similar=(settings.most_similar + 1) // 2
+    )  # poses tell the others
+    chosen = dict.fromkeys(choose_pairs(photos, images, fewer, progress))
     if len(names) > settings.all_pairs_up_to:
         poses = np.stack([given[name] for name in names])
         chosen.update(dict.fromkeys((names[a], names[b]) for a, b in pairs_by_pose(poses, _RANKS)))
