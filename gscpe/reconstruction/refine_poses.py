@@ -18,7 +18,7 @@ from gscpe.reconstruction.epipolar import read_matched_pairs
 from gscpe.reconstruction.frame import ModelFrame, poses_of
 from gscpe.reconstruction.known_poses import KnownPoses, fingerprint, known_model
 from gscpe.reconstruction.masks import prepare_masks
-from gscpe.reconstruction.pairs import choose_pairs
+from gscpe.reconstruction.pairs import choose_pairs, chosen_once
 from gscpe.reconstruction.photos import PreparedPhoto, read_prepared, write_prepared
 from gscpe.reconstruction.pose_adjustment import Bounds, adjust_poses
 from gscpe.reconstruction.pose_report import (
@@ -189,7 +189,9 @@ def _match(
         colmap.extract(database, photos, images, mask_folder, settings, progress)
         set_cameras(database, {photo.name: _camera(photo) for photo in photos})
     with clock.step("matching"):
-        pairs = _pairs(photos, images, given, settings, progress)
+        pairs = chosen_once(
+            folder / "pairs.json", lambda: _pairs(photos, images, given, settings, progress)
+        )
         colmap.match(database, pairs, folder / "pairs.txt", progress)
 
 
