@@ -18,6 +18,7 @@ from gscpe.geometry.pose_error import rotation_angle_degrees
 
 _ALTERNATIONS = 20
 _REWEIGHTINGS = 10
+_MOST_STARTS = 300
 _LEAST_SPREAD = 1e-12
 
 
@@ -159,7 +160,7 @@ def fit_similarity_of_poses(
     It minimizes, over the cameras, the squared distance of their centres, plus that of three
     points which are ``lever`` away along their axes and turn with them: so two cameras are enough,
     and cameras on one line are no problem. Outliers are found from the best of all pairs of
-    cameras, and Tukey's weights keep them out.
+    cameras (of some, where there are many), and Tukey's weights keep them out.
 
     Args:
         cam_from_b, cam_from_a: (N, 4, 4), N >= 1.
@@ -198,7 +199,8 @@ class _Poses:
     def remaining(self, b_from_a: Similarity) -> tuple[Float64Array, Float64Array]:
         distances = np.linalg.norm(b_from_a.apply(self.centres_a) - self.centres_b, axis=1)
         apart = self.rotations_b @ b_from_a.rotation @ self.rotations_a.transpose(0, 2, 1)
-        return distances, np.array([rotation_angle_degrees(each) for each in apart])
+        chords = np.linalg.norm(apart - np.eye(3), axis=(1, 2)) / np.sqrt(8.0)
+        return distances, np.degrees(2.0 * np.arcsin(np.minimum(chords, 1.0)))
 
     def residuals(self, b_from_a: Similarity) -> Float64Array:
         distances, degrees = self.remaining(b_from_a)
@@ -240,7 +242,7 @@ class _Poses:
 def _robust_fit(poses: _Poses, least: float, with_scale: bool) -> tuple[Similarity, float]:
     count = len(poses.centres_a)
     starts = [np.ones(count)]
-    for chosen in combinations(range(count), 2 if with_scale else 1):
+    for chosen in _samples(count, 2 if with_scale else 1):
         weights = np.zeros(count)
         weights[list(chosen)] = 1.0
         starts.append(weights)
@@ -251,6 +253,16 @@ def _robust_fit(poses: _Poses, least: float, with_scale: bool) -> tuple[Similari
         weights = _tukey(poses.residuals(best), least)
         best = poses.fit(weights, with_scale)
     return best, poses.scale_sigma(best, weights)
+
+
+def _samples(count: int, size: int) -> list[tuple[int, ...]]:
+    """All choices of so many poses; some of them, the same every time, where there are too many to
+    try."""
+    if count**size <= 2 * _MOST_STARTS:
+        return list(combinations(range(count), size))
+    rng = np.random.default_rng(0)
+    drawn = {tuple(sorted(rng.choice(count, size, replace=False))) for _ in range(_MOST_STARTS)}
+    return [tuple(int(index) for index in each) for each in sorted(drawn)]
 
 
 def _tukey(residuals: Float64Array, least: float) -> Float64Array:

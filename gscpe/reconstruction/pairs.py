@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import json
 from itertools import combinations
 from pathlib import Path
-from typing import Sequence
+from typing import Callable, Sequence
 
 import numpy as np
 
 from gscpe.arrays import Float32Array
 from gscpe.geometry.camera import Camera
+from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.retrieval import describe_references
@@ -38,6 +40,23 @@ def choose_pairs(
         described = describe_references(lazy, progress=progress)
         chosen = sorted({*order, *look_alike(described.descriptors, settings.most_similar)})
     return [(photos[a].name, photos[b].name) for a, b in chosen]
+
+
+def chosen_once(path: Path, choose: Callable[[], list[tuple[str, str]]]) -> list[tuple[str, str]]:
+    """What ``choose`` says; kept in a file, so that a run that goes on does not look at all photos
+    again.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    if path.exists():
+        return [(a, b) for a, b in json.loads(path.read_text(encoding="utf-8"))]
+    pairs = choose()
+    with when_full(path):
+        part = path.with_name(path.name + ".part")
+        part.write_text(json.dumps(pairs), encoding="utf-8")
+        part.replace(path)
+    return pairs
 
 
 def in_order(photos: Sequence[PreparedPhoto], count: int) -> list[tuple[int, int]]:

@@ -16,7 +16,7 @@ from gscpe.reconstruction import colmap
 from gscpe.reconstruction.disk import require_space, when_full
 from gscpe.reconstruction.frame import poses_of, settle_frame
 from gscpe.reconstruction.masks import prepare_masks
-from gscpe.reconstruction.pairs import choose_pairs
+from gscpe.reconstruction.pairs import choose_pairs, chosen_once
 from gscpe.reconstruction.photos import (
     PreparedPhoto,
     prepare_photos,
@@ -96,7 +96,9 @@ def reconstruct(
         with clock.step("features"):
             colmap.extract(database, photos, images, mask_folder, settings, progress)
         with clock.step("matching"):
-            pairs = choose_pairs(photos, images, settings, progress)
+            pairs = chosen_once(
+                folder / "pairs.json", lambda: choose_pairs(photos, images, settings, progress)
+            )
             colmap.match(database, pairs, folder / "pairs.txt", progress)
         with clock.step("placing"):
             shutil.rmtree(models, ignore_errors=True)

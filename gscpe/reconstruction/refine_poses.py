@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
@@ -18,7 +18,7 @@ from gscpe.reconstruction.epipolar import read_matched_pairs
 from gscpe.reconstruction.frame import ModelFrame, poses_of
 from gscpe.reconstruction.known_poses import KnownPoses, fingerprint, known_model
 from gscpe.reconstruction.masks import prepare_masks
-from gscpe.reconstruction.pairs import choose_pairs
+from gscpe.reconstruction.pairs import choose_pairs, chosen_once
 from gscpe.reconstruction.photos import PreparedPhoto, read_prepared, write_prepared
 from gscpe.reconstruction.pose_adjustment import Bounds, adjust_poses
 from gscpe.reconstruction.pose_report import (
@@ -45,7 +45,7 @@ from gscpe.scene.colmap_database import set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
 
 _LEAST_PHOTOS = 3
-_RANKS = sorted({round(1.3**power) - 1 for power in range(18)})
+_RANKS = sorted({round(1.5**power) - 1 for power in range(12)})
 """Which of the nearest cameras a photo is matched with: all of the first, and fewer and fewer, up
 to the 86th, so that a slow walk is matched over more than its last steps."""
 
@@ -189,7 +189,9 @@ def _match(
         colmap.extract(database, photos, images, mask_folder, settings, progress)
         set_cameras(database, {photo.name: _camera(photo) for photo in photos})
     with clock.step("matching"):
-        pairs = _pairs(photos, images, given, settings, progress)
+        pairs = chosen_once(
+            folder / "pairs.json", lambda: _pairs(photos, images, given, settings, progress)
+        )
         colmap.match(database, pairs, folder / "pairs.txt", progress)
 
 
@@ -232,7 +234,10 @@ def _pairs(
 ) -> list[tuple[str, str]]:
     """By looks and order, and by poses."""
     names = [photo.name for photo in photos]
-    chosen = dict.fromkeys(choose_pairs(photos, images, settings, progress))
+    fewer = replace(
+        settings, most_similar=(settings.most_similar + 1) // 2
+    )  # poses tell the others
+    chosen = dict.fromkeys(choose_pairs(photos, images, fewer, progress))
     if len(names) > settings.all_pairs_up_to:
         poses = np.stack([given[name] for name in names])
         chosen.update(dict.fromkeys((names[a], names[b]) for a, b in pairs_by_pose(poses, _RANKS)))

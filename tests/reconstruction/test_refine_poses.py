@@ -26,6 +26,8 @@ from gscpe.reconstruction import (
     refine_known_poses,
 )
 from gscpe.reconstruction.epipolar import sampson_distances
+from gscpe.reconstruction.pose_adjustment import Bounds, adjust_poses
+from gscpe.scene.colmap_database import set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.poses import read_pose_file, write_pose_file
 
@@ -162,6 +164,23 @@ def test_poses_of_other_photos_are_refused(device: Device, tmp_path: Path) -> No
     source = KnownPoses(device.source.image_folder, None, turned, cameras)
     with pytest.raises(ReconstructionError, match=r"poses do not fit the photos.*world to camera"):
         refine_known_poses(source, tmp_path / "model")
+
+
+def test_focal_lengths_are_refined_if_asked_for(device: Device, tmp_path: Path) -> None:
+    """A camera that is 3% off; the database has all that was matched already."""
+    import pycolmap
+
+    database = tmp_path / "database.db"
+    database.write_bytes((device.model.model_folder.parents[1] / "database.db").read_bytes())
+    wrong = pycolmap.Camera(model="PINHOLE", width=240, height=180, params=[0.0] * 4)
+    wrong.params = [1.03 * WALK_CAMERA.fx, 1.03 * WALK_CAMERA.fy, 120.0, 90.0]
+    set_cameras(database, dict.fromkeys(device.given, wrong))
+    for refine in (False, True):
+        bounds = Bounds(4.8, 0.96, 8, 30, refine, 0)
+        model = adjust_poses(database, device.given, 1.0, bounds)
+        expected = WALK_CAMERA.fx if refine else 1.03 * WALK_CAMERA.fx
+        for camera in model.cameras.values():
+            assert camera.mean_focal_length() == pytest.approx(expected, rel=0.005)
 
 
 def test_bad_input(device: Device, tmp_path: Path) -> None:

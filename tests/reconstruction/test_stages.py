@@ -12,7 +12,7 @@ from scenes import room_shot
 
 from gscpe.errors import OutputError
 from gscpe.reconstruction import open_work_folder, sharpness
-from gscpe.reconstruction.pairs import in_order, look_alike
+from gscpe.reconstruction.pairs import chosen_once, in_order, look_alike
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.sources import find_source
 
@@ -37,6 +37,19 @@ def test_each_is_paired_with_those_most_like_it() -> None:
     descriptors = np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
     assert look_alike(descriptors, 1) == [(0, 1), (2, 3), (3, 4)]
     assert len(look_alike(descriptors, 10)) == 10
+
+
+def test_pairs_are_chosen_once(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.json"
+    asked = []
+
+    def choose() -> list[tuple[str, str]]:
+        asked.append(1)
+        return [("a b.jpg", "c.jpg")]
+
+    for _ in range(2):
+        assert chosen_once(path, choose) == [("a b.jpg", "c.jpg")]
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("noise", [0.0, 4.0])
