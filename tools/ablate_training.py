@@ -189,7 +189,7 @@ def main() -> int:
     parser.add_argument("--name", help="of that scene")
     parser.add_argument("--refined-model", type=Path, help="the same photos with other poses")
     parser.add_argument("--queries", choices=("references", "reported"), default="references")
-    parser.add_argument("--iterations", type=int, default=2000)
+    parser.add_argument("--iterations", type=int, default=4000, help="(default: %(default)s)")
     parser.add_argument("--max-size", type=int, default=320, help="pixels (default: %(default)s)")
     parser.add_argument("--gaussians", type=int, default=100_000, help="(default: %(default)s)")
     parser.add_argument("--only", nargs="+", metavar="VARIANT", help="some, by name")
