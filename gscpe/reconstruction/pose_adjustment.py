@@ -23,7 +23,7 @@ from gscpe.scene.colmap_database import pose_model
 
 _LEAST_MATCHES = 15  # of a pair of photos, as in COLMAP
 _MIN_ANGLE = 1.5  # degrees between the rays of a point, as in COLMAP
-_SETTLED = 0.05  # pixels that a round still moves what a photo shows, in the median
+_SETTLED = 0.1  # pixels that a round still moves what a photo shows, in the median
 _SOLVES = 2  # bundle adjustments a round, with what does not fit left out between them
 _ITERATIONS = 30
 _PRIOR_SIGMAS = 3.0
