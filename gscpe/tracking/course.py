@@ -66,8 +66,7 @@ class Course:
     @property
     def wants_search(self) -> bool:
         """Whether the localizer should look for the camera."""
-        patience = 1 if self._settings.wait else self._settings.patience
-        return self.state is None or self._lost >= patience
+        return self.state is None or self._lost >= self._settings.patience
 
     def begin(self, found: Carried) -> None:
         """A camera that was found at the frame before the next one."""

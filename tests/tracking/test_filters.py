@@ -39,7 +39,7 @@ def a_result() -> TrackingResult:
 def samples(result: TrackingResult) -> NDArray[np.float64]:
     """True camera poses in the world, (N, 4, 4), as the definition has them."""
     rng = np.random.default_rng(4)
-    assert result.covariance is not None
+    assert result.covariance is not None and result.cam_from_world is not None
     xi = rng.multivariate_normal(np.zeros(6), result.covariance, size=_SAMPLES)
     return np.stack([se3.inverse(se3.exp(x) @ result.cam_from_world) for x in xi])
 
