@@ -235,4 +235,5 @@ def _camera_beside(bag: _Bag, topic: str, path: Path) -> Camera:
 
 def _first_line(error: Exception) -> str:
     text = str(error) or type(error).__name__
-    return text.splitlines()[0].rstrip(".")
+    # rosbags puts one error's arguments into the text of another.
+    return text.splitlines()[0].replace("('", "").replace("',)", "").rstrip(".")
