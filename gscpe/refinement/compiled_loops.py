@@ -86,6 +86,49 @@ def _normal_equations(
                     right[j] += total
 
 
+@compiled(fastmath={"contract", "reassoc", "nsz"})
+def _inner_products(a, b, product):
+    """Fills the product, (K, M); sums of many numbers are kept in double precision."""
+    count = a.shape[1]
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            product[i, j] = 0.0
+    for begin in range(0, count, _BLOCK):
+        end = min(begin + _BLOCK, count)
+        for i in range(a.shape[0]):
+            for j in range(b.shape[0]):
+                total = _F(0.0)
+                for k in range(begin, end):
+                    total += a[i, k] * b[j, k]
+                product[i, j] += total
+
+
+@compiled(fastmath={"contract"})
+def _combined(matrix, rows, product):
+    """Fills the product, (K, N)."""
+    for i in range(matrix.shape[0]):
+        for k in range(rows.shape[1]):
+            product[i, k] = _F(0.0)
+        for j in range(matrix.shape[1]):
+            factor = matrix[i, j]
+            for k in range(rows.shape[1]):
+                product[i, k] += factor * rows[j, k]
+
+
+def inner_products(a: Float32Array, b: Float32Array) -> Float64Array:
+    """As :func:`gscpe.refinement.products.inner_products`."""
+    product = np.empty((len(a), len(b)))
+    _inner_products(np.ascontiguousarray(a), np.ascontiguousarray(b), product)
+    return product
+
+
+def combined(matrix: Float32Array, rows: Float32Array) -> Float32Array:
+    """As :func:`gscpe.refinement.products.combined`."""
+    product = np.empty((len(matrix), rows.shape[1]), dtype=np.float32)
+    _combined(np.ascontiguousarray(matrix), np.ascontiguousarray(rows), product)
+    return product
+
+
 def residuals_of(
     points: Float32Array,
     intensities: Float32Array,
@@ -136,3 +179,5 @@ def compile_now() -> None:
         )
         jacobian = np.ones((1, 6), dtype=np.float32)
         normal_equations(jacobian, ones, residuals, usable, 1.0, np.inf)
+        inner_products(points, points)
+        combined(points, points.T)

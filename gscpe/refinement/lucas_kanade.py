@@ -13,9 +13,8 @@ sought. For a template pixel x with camera-frame point X = depth * K^-1 x:
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
-from typing import Any, Callable
+from typing import Callable
 
 import cv2
 import numpy as np
@@ -25,6 +24,7 @@ from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import unproject_image
+from gscpe.refinement.products import combined, compiled_loops, inner_products
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import TUKEY_CUTOFF, robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
@@ -166,7 +166,8 @@ def _mean_motion(camera: Camera, x: Float32Array, y: Float32Array, z: Float32Arr
     u_row = np.stack([1 / z, zero, -x / z**2, -x * y / z**2, 1 + (x / z) ** 2, -y / z])
     v_row = np.stack([zero, 1 / z, -y / z**2, -1 - (y / z) ** 2, x * y / z**2, x / z])
     u_row, v_row = camera.fx * u_row, camera.fy * v_row
-    return np.asarray((u_row @ u_row.T + v_row @ v_row.T) / len(z))
+    rows = np.concatenate([u_row, v_row], axis=1).astype(np.float32)
+    return inner_products(rows, rows) / len(z)
 
 
 def align(
@@ -230,7 +231,7 @@ def _normal_equations(
 ) -> tuple[Float64Array, Float64Array]:
     """Left and right side of a step's equations, (U, U) and (U,)."""
     unknowns = 8 if settings.gain_and_bias else 6
-    loops = _compiled_loops()
+    loops = compiled_loops()
     if loops is not None:
         cutoff = TUKEY_CUTOFF * sigma if settings.robust else np.inf
         hessian, right = loops.normal_equations(
@@ -260,7 +261,7 @@ def residuals_of(
     bias: float,
 ) -> tuple[Float32Array, BoolArray]:
     """Residuals, (N,), zero where the template leaves the photo; and where it does not."""
-    loops = _compiled_loops()
+    loops = compiled_loops()
     if loops is not None:
         found: tuple[Float32Array, BoolArray] = loops.residuals_of(
             *(template.points, template.intensities, photo.image, photo.valid),
@@ -274,23 +275,12 @@ def residuals_of(
     return np.where(usable, residuals, np.float32(0.0)), usable
 
 
-@functools.cache
-def _compiled_loops() -> Any:
-    """The module of that name; None where Numba is not installed."""
-    try:
-        from gscpe.refinement import compiled_loops
-    except ImportError:
-        return None
-    compiled_loops.compile_now()
-    return compiled_loops
-
-
 def warp(
     points: Float32Array, photo_from_anchor: Float64Array, camera: Camera
 ) -> tuple[Float32Array, Float32Array, BoolArray]:
     """Pixels u, v of anchor points, (3, N), in the photo, and whether they lie ahead."""
     rotation = photo_from_anchor[:3, :3].astype(np.float32)
-    moved = rotation @ points + photo_from_anchor[:3, 3, None].astype(np.float32)
+    moved = combined(rotation, points) + photo_from_anchor[:3, 3, None].astype(np.float32)
     ahead = moved[2] > 1e-3
     inverse_z = 1.0 / np.where(ahead, moved[2], np.float32(1.0))
     u = moved[0] * inverse_z * np.float32(camera.fx) + np.float32(camera.cx)

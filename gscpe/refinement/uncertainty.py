@@ -33,6 +33,7 @@ from gscpe.refinement.lucas_kanade import (
     Template,
     residuals_of,
 )
+from gscpe.refinement.products import combined, inner_products
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
 from gscpe.refinement.sampling import gradient
@@ -115,18 +116,18 @@ def pose_uncertainty(
     light = np.stack([template.intensities, np.ones_like(residuals)])
     gain = np.float32(alignment.gain)
     design = np.concatenate([gain * template.jacobian.T, light])[:unknowns]
-    hessian = _product(design * weights, design)
+    hessian = inner_products(design * weights, design)
     inverse = covariance_from_information(hessian)
     scores = design * (weights * residuals)
     blocks = blocks_of(template, photo.camera, settings.blocks)
     sums = np.stack([np.bincount(blocks, score) for score in scores])
-    between, within = sums @ sums.T, _product(scores, scores)
+    between, within = sums @ sums.T, inner_products(scores, scores)
 
     # Eight-bit photos are not better known than that, however well the render fits.
     least = solver.min_noise**2
     mean = max(float(np.trace(inverse @ between)) / unknowns, least)
     rho = max(mean / max(float(np.trace(inverse @ within)) / unknowns, least), 1.0)
-    curved = _product(design * curvatures, design)
+    curved = inner_products(design * curvatures, design)
     curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
     middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
     factor = settings.factor * np.sqrt(rho) / curvature**2
@@ -150,7 +151,7 @@ def pose_uncertainty(
     unshared = of_pose(np.sqrt(blind * (1.0 / kept - 1.0)))
     # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
     by_focal = -gain * template.jacobian[:, 2] * template.points[2]
-    right = np.asarray((design * weights) @ by_focal, dtype=np.float64)
+    right = inner_products(design * weights, by_focal[None])[:, 0]
     by_log_focal = -to_photo @ (inverse @ right)[:6]
     return PoseUncertainty(_symmetric(covariance), _symmetric(unshared), by_log_focal)
 
@@ -168,10 +169,10 @@ def _shared_information(
     Noise that the images do not share adds to a sum of products as much as it takes away, give or
     take the root of the sum of the squares; a share that may be that is none.
     """
-    shared = root.T @ _symmetric(_product(seen * weights, design)) @ root
+    shared = root.T @ _symmetric(inner_products(seen * weights, design)) @ root
     axes = np.asarray(np.linalg.eigh(shared)[1])
     whitened = (root @ axes).T.astype(np.float32)
-    products = weights * (whitened @ design) * (whitened @ seen)
+    products = weights * combined(whitened, design) * combined(whitened, seen)
     sums = np.stack([np.bincount(grains, product) for product in products])
     chance = _SIGNIFICANT * np.sqrt(np.sum(sums**2, axis=1))
     share = sums.sum(axis=1)
@@ -183,11 +184,6 @@ def _symmetric(matrix: Float64Array) -> Float64Array:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def _product(a: Float32Array, b: Float32Array) -> Float64Array:
-    """a b^T."""
-    return np.asarray(a @ b.T, dtype=np.float64)
-
-
 def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment) -> Float32Array:
     """As the template's, (6, N), but of the photo's own gradients where its points are seen."""
     photo_from_anchor = alignment.photo_from_anchor
@@ -196,10 +192,11 @@ def _photo_jacobian(template: Template, photo: ImageLevel, alignment: Alignment)
         for image in gradient(photo.image)
     )
     rotation, shift = np.split(photo_from_anchor[:3].astype(np.float32), [3], axis=1)
-    x, y, z = rotation @ template.points + shift
+    x, y, z = combined(rotation, template.points) + shift
     z = np.maximum(z, np.float32(1e-3))
     by_x, by_y = by_u * np.float32(photo.camera.fx) / z, by_v * np.float32(photo.camera.fy) / z
-    by_point = rotation.T @ np.stack([by_x, by_y, -(by_x * x + by_y * y) / z])
+    by_moved = np.stack([by_x, by_y, -(by_x * x + by_y * y) / z])
+    by_point = combined(rotation.T, by_moved)
     (x, y, z), (a, b, c) = template.points, by_point
     return np.stack([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
 

@@ -37,9 +37,9 @@ class Photo:
 
 def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
     """Rec. 601 luminance of (H, W, 3), (H, W) float32; bytes become [0, 1]."""
-    scale = 1.0 / 255.0 if rgb.dtype == np.uint8 else 1.0
-    weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) * np.float32(scale)
-    return np.asarray(rgb.astype(np.float32) @ weights, dtype=np.float32)
+    scale = np.float32(1.0 / 255.0 if rgb.dtype == np.uint8 else 1.0)
+    grey = cv2.cvtColor(rgb.astype(np.float32, copy=False), cv2.COLOR_RGB2GRAY)
+    return np.asarray(scale * grey, dtype=np.float32)
 
 
 def resized_photo(photo: Photo, scale: float) -> Photo:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera
 
 from gscpe.geometry import se3
-from gscpe.refinement import LucasKanadeSettings, lucas_kanade
+from gscpe.refinement import LucasKanadeSettings, lucas_kanade, products
 from gscpe.refinement.lucas_kanade import Alignment, align, build_template, residuals_of
+from gscpe.refinement.products import combined, inner_products
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.scene import luminance
 
@@ -55,7 +56,7 @@ def test_residuals(
     template = build_template(anchor, SETTINGS)
     assert template is not None
     fast, fast_usable = residuals_of(template, photo, pose, 0.9, 0.05)
-    without_numba.setattr(lucas_kanade, "_compiled_loops", lambda: None)
+    without_numba.setattr(lucas_kanade, "compiled_loops", lambda: None)
     slow, slow_usable = residuals_of(template, photo, pose, 0.9, 0.05)
     # A point on the border itself may fall to either side.
     assert np.count_nonzero(fast_usable != slow_usable) <= 3
@@ -64,10 +65,24 @@ def test_residuals(
     assert not np.any(fast[~fast_usable])
 
 
+@pytest.mark.parametrize("count", [1, 127, 128, 1000])
+def test_products(count: int, without_numba: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(count)
+    a, b = (rng.normal(size=(rows, count)).astype(np.float32) for rows in (8, 3))
+    np.testing.assert_allclose(inner_products(a, b), a @ b.T, atol=1e-3)
+    np.testing.assert_allclose(inner_products(a[::2], b), a[::2] @ b.T, atol=1e-3)
+    matrix = rng.normal(size=(4, 3)).astype(np.float32)
+    np.testing.assert_allclose(combined(matrix, b), matrix @ b, atol=1e-5)
+    np.testing.assert_allclose(combined(matrix[:3].T, b), matrix[:3].T @ b, atol=1e-5)
+    without_numba.setattr(products, "compiled_loops", lambda: None)
+    np.testing.assert_allclose(inner_products(a, b), a @ b.T, atol=1e-3)
+    np.testing.assert_array_equal(combined(matrix, b), matrix @ b)
+
+
 @pytest.mark.parametrize("settings", [{}, {"robust": False}, {"gain_and_bias": False}])
 def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch) -> None:
     anchor, photo = levels(0.05)
-    solver = LucasKanadeSettings(**settings)  # type: ignore[arg-type]
+    solver = LucasKanadeSettings(**settings)
     template = build_template(anchor, solver)
     assert template is not None
 
@@ -78,7 +93,7 @@ def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch
         return found
 
     fast = solve()
-    without_numba.setattr(lucas_kanade, "_compiled_loops", lambda: None)
+    without_numba.setattr(lucas_kanade, "compiled_loops", lambda: None)
     slow = solve()
     assert fast.iterations == slow.iterations
     assert fast.pixels == slow.pixels
