@@ -124,6 +124,8 @@ class _Bag:
         try:
             reader = AnyReader(files, default_typestore=store)
             reader.open()
+        except MemoryError:
+            raise
         except Exception as error:  # struct.error, zlib.error, AssertionError, ... of damaged files
             self._damaged = DamagedBag(files, path)
             # Or what rosbags did not like is another topic's business.
@@ -148,7 +150,7 @@ class _Bag:
         try:
             for connection, nanoseconds, data in self._reader.messages(connections):
                 yield nanoseconds, self._reader.deserialize(data, connection.msgtype)
-        except GeneratorExit:
+        except MemoryError:
             raise
         except Exception as error:  # whatever the bytes of a damaged file lead to
             self.damage = _first_line(error)
@@ -235,4 +237,5 @@ def _camera_beside(bag: _Bag, topic: str, path: Path) -> Camera:
 
 def _first_line(error: Exception) -> str:
     text = str(error) or type(error).__name__
-    return text.splitlines()[0].rstrip(".")
+    # rosbags puts one error's arguments into the text of another.
+    return text.splitlines()[0].replace("('", "").replace("',)", "").rstrip(".")

@@ -142,8 +142,11 @@ def _ros1_messages(file: BinaryIO, topics: dict[int, Recorded]) -> Iterator[Reco
         if len(head) < 4:
             raise _CutOffError
         fields = _ros1_fields(_read(file, *struct.unpack("<I", head)))
-        data = _read(file, *struct.unpack("<I", _read(file, 4)))
+        (size,) = struct.unpack("<I", _read(file, 4))
         kind = fields.get(b"op", b"\0")[0]
+        if kind == 5 and fields[b"compression"] == b"none":
+            continue  # its records follow, up to where it was cut
+        data = _read(file, size)
         if kind == 5:
             yield from _ros1_messages(BytesIO(_ros1_chunk(fields, data)), topics)
         elif kind == 7:
@@ -191,6 +194,14 @@ def _mcap_messages(
         if len(head) < 9:
             raise _CutOffError
         kind, size = struct.unpack("<BQ", head)
+        if kind == 0x06:
+            _read(file, 28)
+            compression = _mcap_text(file)
+            (packed,) = struct.unpack("<Q", _read(file, 8))
+            if compression:  # else its records follow, up to where it was cut
+                chunk = BytesIO(_mcap_chunk(compression, _read(file, packed)))
+                yield from _mcap_messages(chunk, schemas, channels)
+            continue
         data = BytesIO(_read(file, size))
         if kind == 0x02:  # the footer
             return
@@ -204,12 +215,6 @@ def _mcap_messages(
         elif kind == 0x05:
             number, _, recorded, _ = struct.unpack("<HIQQ", _read(data, 22))
             yield replace(channels[number], nanoseconds=recorded, data=data.read())
-        elif kind == 0x06:
-            _read(data, 28)
-            compression = _mcap_text(data)
-            packed = _read(data, *struct.unpack("<Q", _read(data, 8)))
-            chunk = BytesIO(_mcap_chunk(compression, packed))
-            yield from _mcap_messages(chunk, schemas, channels)
     if not isinstance(file, BytesIO):
         raise _CutOffError
 

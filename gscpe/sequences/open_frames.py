@@ -61,6 +61,7 @@ def open_frames(
         ("--images", images, ("list",)),
         ("--times", times, ("list", "folder")),
         ("--topic", topic, ("bag",)),
+        ("--rate", rate, ("list", "folder", "video", "bag")),
     ):
         if value is not None and kind not in kinds:
             raise SettingsError(f"{option} does not go with a {kind}, which {source} is")

@@ -127,6 +127,21 @@ def test_a_bag_with_odometry_and_a_calibration_in_a_file(
     assert last["reason"]
 
 
+def test_in_real_time(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing waits: how many frames are dropped, or come before the camera is found, is the
+    machine's business. All are accounted for, and what was found is right, at half size too."""
+    poses = tmp_path / "poses.txt"
+    more = ["--camera", CAMERA_WORDS, "--realtime", "--fast", "--poses", str(poses)]
+    status = track(folder, folder / "walk", tmp_path / "t.tum", *more)
+    frames, tracked, relocalized, lost, dropped, unreadable = counts(capsys.readouterr().out)
+    assert frames + dropped == COUNT
+    assert tracked + relocalized + lost == frames and unreadable == 0
+    found = read_pose_file(poses).poses
+    assert len(found) == tracked + relocalized
+    assert status == (0 if found else 1)
+    check(found)
+
+
 def test_nothing_but_darkness(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

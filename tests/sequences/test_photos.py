@@ -143,6 +143,8 @@ def test_what_does_not_go_together(tmp_path: Path) -> None:
         open_frames(tmp_path / "photos", CAMERA, images=tmp_path)
     with pytest.raises(SettingsError, match="--times does not go with a device"):
         open_frames("device:0", CAMERA, times="times.txt")
+    with pytest.raises(SettingsError, match="--rate does not go with a device"):
+        open_frames("device:0", CAMERA, rate=30.0)
     with pytest.raises(SettingsError, match="rate must be positive"):
         open_frames(tmp_path / "photos", CAMERA, rate=0.0)
     with pytest.raises(CameraError, match="is not known: give it"):
