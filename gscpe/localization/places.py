@@ -87,7 +87,7 @@ class Places:
         """All reference photos, most similar first, as far as they are asked for; features that
         matching needs are not detected again to describe the photo."""
         query.begin()
-        photo = query.photo
+        photo = query.well_lit
         features = query.xfeat_features() if self._uses_xfeat else None
         with query.clock.stage("retrieval"):
             described = self._describer.describe(photo.rgb, features, photo.valid)

@@ -9,6 +9,7 @@ from gscpe.features import XFeatFeatures
 from gscpe.geometry.camera import Camera
 from gscpe.localization.beside import Beside, Work
 from gscpe.localization.clock import Clock
+from gscpe.localization.light import well_lit
 from gscpe.matching import LighterGlueMatcher, Matcher, XFeatMatcher
 from gscpe.scene import Photo
 from gscpe.scene.photo import resized_photo
@@ -18,7 +19,7 @@ class PreparedPhoto:
     """A photo that is being localized, and what matchers make of it once it is needed.
 
     Args:
-        photo: turned, where it was.
+        photo: turned, where it was; it is aligned as it is, and matched as if it were well lit.
         matcher: that comes first.
         clock: counts the time that is waited for features.
         orientation: how the photo was turned, EXIF's number.
@@ -40,7 +41,8 @@ class PreparedPhoto:
         self.clock = clock
         self._matcher = matcher
         self._beside = beside
-        self._small = _smaller(photo, small_side)
+        self.well_lit = well_lit(photo)
+        self._small = _smaller(self.well_lit, small_side)
         self._works: dict[tuple[object, bool], Work[Any]] = {}
 
     def begin(self) -> None:
@@ -74,8 +76,8 @@ class PreparedPhoto:
         # LighterGlue matches the best of the features that XFeat's matcher has.
         shared = isinstance(matcher, LighterGlueMatcher) and isinstance(self._matcher, XFeatMatcher)
         maker = self._matcher if shared else matcher
-        photo = self._small if small else self.photo
-        key = (maker, photo is not self.photo)
+        photo = self._small if small else self.well_lit
+        key = (maker, photo is not self.well_lit)
         if key not in self._works:
 
             def prepare() -> Any:
