@@ -122,10 +122,11 @@ def lit_by_one_lamp(image: UInt8Array, ambient: float = 0.02) -> UInt8Array:
     return _taken_again(image, ambient + np.exp(-0.5 * squared / (0.25 * width) ** 2))
 
 
-def replaced(image: UInt8Array, area_share: float, other: UInt8Array) -> UInt8Array:
+def replaced(image: UInt8Array, area_share: float, other: UInt8Array | None = None) -> UInt8Array:
     """Blocks of a sixth of each side, strewn over so much of the photo, show what another photo
-    shows there: furniture moved, and people came."""
+    (the cup) shows there: furniture moved, and people came."""
     height, width = image.shape[:2]
+    other = _cup(width, height) if other is None else other
     rng = np.random.default_rng(int(image.sum()))
     chosen = rng.permutation(36)[: round(36 * area_share)]
     result = image.copy()
@@ -155,4 +156,11 @@ CHANGES: dict[str, Callable[[UInt8Array], UInt8Array]] = {
     "noise, sigma 8/255": partial(noisy, sigma=8.0),
     "motion blur, 5 px": partial(motion_blurred, pixels=5),
     "a quarter covered": partial(occluded, area_share=0.25),
+    "a tenth of the light": partial(dimly_lit, light=0.1),
+    "a twentieth of the light": partial(dimly_lit, light=0.05),
+    "stored values x 0.1": partial(dark, factor=0.1),
+    "stored values x 0.05": partial(dark, factor=0.05),
+    "one lamp": lit_by_one_lamp,
+    "30% replaced": partial(replaced, area_share=0.3),
+    "50% replaced": partial(replaced, area_share=0.5),
 }
