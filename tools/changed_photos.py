@@ -2,7 +2,8 @@
 """Photos as worse light, lenses and hands would have made them, for the benchmarks.
 
 Each function takes and returns an (H, W, 3) uint8 RGB image. They work on the stored values,
-without undoing the camera's gamma.
+without undoing the camera's gamma; but for :func:`dimly_lit` and :func:`lit_by_one_lamp`, which
+take the photo again with less light, as a camera whose exposure cannot be longer.
 """
 
 from __future__ import annotations
@@ -83,6 +84,59 @@ def dark_and_blurred(image: UInt8Array) -> UInt8Array:
     return _bytes(blurred + np.random.default_rng(0).normal(0.0, 3.0, image.shape))
 
 
+_GAMMA = 2.2
+_ELECTRONS = 4000.0
+"""That a pixel of a small sensor holds where it is white."""
+_READ_NOISE = 4.0
+"""Electrons."""
+
+
+def _taken_again(image: UInt8Array, light: NDArray[np.float64]) -> UInt8Array:
+    """With a share of the light, (H, W) or one for all: the electrons are counted, with shot noise
+    and read noise, and stored with gamma in eight bits. Always the same for an image."""
+    share = light[..., None] if light.ndim else light
+    electrons = _ELECTRONS * share * (image / 255.0) ** _GAMMA
+    rng = np.random.default_rng(int(image.sum()))
+    counted = rng.poisson(electrons) + _READ_NOISE * rng.standard_normal(image.shape)
+    return _bytes(255.0 * np.clip(counted / _ELECTRONS, 0.0, 1.0) ** (1.0 / _GAMMA))
+
+
+def dimly_lit(image: UInt8Array, light: float) -> UInt8Array:
+    """A share of the light, exposed as before."""
+    return _taken_again(image, np.asarray(light))
+
+
+def dark(image: UInt8Array, factor: float) -> UInt8Array:
+    """The stored values times a factor, with noise of one of them: much darker than as much less
+    light."""
+    rng = np.random.default_rng(int(image.sum()))
+    return _bytes(factor * image.astype(np.float64) + rng.standard_normal(image.shape))
+
+
+def lit_by_one_lamp(image: UInt8Array, ambient: float = 0.02) -> UInt8Array:
+    """A spot left of the middle, a quarter of the width in its standard deviation; elsewhere,
+    hardly any light."""
+    height, width = image.shape[:2]
+    y, x = np.mgrid[:height, :width] + 0.5
+    squared = (x - 0.38 * width) ** 2 + (y - 0.45 * height) ** 2
+    return _taken_again(image, ambient + np.exp(-0.5 * squared / (0.25 * width) ** 2))
+
+
+def replaced(image: UInt8Array, area_share: float, other: UInt8Array | None = None) -> UInt8Array:
+    """Blocks of a sixth of each side, strewn over so much of the photo, show what another photo
+    (the cup) shows there: furniture moved, and people came."""
+    height, width = image.shape[:2]
+    other = _cup(width, height) if other is None else other
+    rng = np.random.default_rng(int(image.sum()))
+    chosen = rng.permutation(36)[: round(36 * area_share)]
+    result = image.copy()
+    for block in chosen:
+        rows = slice((block // 6) * height // 6, (block // 6 + 1) * height // 6)
+        columns = slice((block % 6) * width // 6, (block % 6 + 1) * width // 6)
+        result[rows, columns] = other[rows, columns]
+    return result
+
+
 def _cup(width: int, height: int) -> UInt8Array:
     picture: UInt8Array = skimage.data.coffee()
     return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
@@ -102,4 +156,11 @@ CHANGES: dict[str, Callable[[UInt8Array], UInt8Array]] = {
     "noise, sigma 8/255": partial(noisy, sigma=8.0),
     "motion blur, 5 px": partial(motion_blurred, pixels=5),
     "a quarter covered": partial(occluded, area_share=0.25),
+    "a tenth of the light": partial(dimly_lit, light=0.1),
+    "a twentieth of the light": partial(dimly_lit, light=0.05),
+    "stored values x 0.1": partial(dark, factor=0.1),
+    "stored values x 0.05": partial(dark, factor=0.05),
+    "one lamp": lit_by_one_lamp,
+    "30% replaced": partial(replaced, area_share=0.3),
+    "50% replaced": partial(replaced, area_share=0.5),
 }

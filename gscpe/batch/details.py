@@ -12,7 +12,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError
-from gscpe.localization import LocalizationResult
+from gscpe.localization import Attempt, LocalizationResult
 from gscpe.scene.poses.hloc import format_pose
 from gscpe.scene.query_list import Query
 
@@ -42,7 +42,9 @@ def result_details(query: Query, result: LocalizationResult, photo: str | None =
         "started_from": result.started_from,
         "reference": result.reference,
         "orientation": 1 if result.best is None else result.best.orientation,
+        "matcher": None if result.best is None else result.best.matcher,
         "hypotheses": len(result.attempts),
+        "attempts": [_attempt(attempt) for attempt in result.attempts],
         "coarse": coarse
         and {
             "cam_from_world": _pose(coarse.cam_from_world),
@@ -76,6 +78,17 @@ def result_details(query: Query, result: LocalizationResult, photo: str | None =
     }
 
 
+def _attempt(attempt: Attempt) -> dict[str, Any]:
+    """What was tried, and why it did not count; ``doubt`` is None for what can be trusted."""
+    return {
+        "started_from": attempt.start.kind,
+        "reference": attempt.start.reference,
+        "matcher": attempt.matcher,
+        "orientation": attempt.orientation,
+        "doubt": attempt.doubt,
+    }
+
+
 def failed_details(query: Query, reason: str) -> Detail:
     """Of a photo that could not be used: the same fields, all empty but for the reason."""
     return {
@@ -87,7 +100,9 @@ def failed_details(query: Query, reason: str) -> Detail:
         "started_from": None,
         "reference": None,
         "orientation": 1,
+        "matcher": None,
         "hypotheses": 0,
+        "attempts": [],
         "coarse": None,
         "aligned": None,
         "covariance": None,

@@ -3,12 +3,8 @@
 
 from gscpe.coarse.focal import FocalEstimate, FocalSettings, estimate_focal_length
 from gscpe.coarse.lift import lift
-from gscpe.coarse.loop import (
-    CoarseObserver,
-    CoarseResult,
-    CoarseSettings,
-    estimate_coarse_pose,
-)
+from gscpe.coarse.loop import CoarseObserver, estimate_coarse_pose
+from gscpe.coarse.one_round import CoarseResult, CoarseSettings, Round, match_render
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings
 
 __all__ = [
@@ -19,7 +15,9 @@ __all__ = [
     "FocalEstimate",
     "FocalSettings",
     "PnPSettings",
+    "Round",
     "estimate_coarse_pose",
     "estimate_focal_length",
     "lift",
+    "match_render",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array, short_repr
-from gscpe.coarse.pnp import PnPSettings, cell_crowds, solve_observed
+from gscpe.coarse.pnp import PnPSettings, cell_crowds, normal_equations, solve_observed
 from gscpe.coarse.ransac import sample_absolute_pose
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
@@ -186,8 +186,8 @@ def solve_focal_length(
         jacobian = np.concatenate(
             [pose_jacobian(camera, points_in_cam), by_focal[:, :, None]], axis=2
         )
-        hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
-        step = solve_observed(hessian, np.einsum("nri,n,nr->i", jacobian, weights, residuals))
+        hessian, gradient = normal_equations(jacobian, weights, residuals)
+        step = solve_observed(hessian, gradient)
         cam_from_world = se3.exp(step[:6]) @ cam_from_world
         camera = _times(camera, float(np.exp(np.clip(step[6], -0.2, 0.2))))
         if np.abs(step).max() < smallest_step:

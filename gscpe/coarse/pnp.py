@@ -136,9 +136,7 @@ def refine_absolute_pose(
         weights = 1.0 / (1.0 + squared[near] / settings.noise_pixels**2)
         weights /= cell_crowds(pixels[ahead][near], camera, settings.cells)
         jacobian = pose_jacobian(camera, points_in_cam[near])
-        hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
-        gradient = np.einsum("nri,n,nr->i", jacobian, weights, residuals[near])
-        step = solve_observed(hessian, gradient)
+        step = solve_observed(*normal_equations(jacobian, weights, residuals[near]))
         cam_from_world = se3.exp(step) @ cam_from_world
         if np.abs(step).max() < 1e-9:
             break
@@ -147,9 +145,11 @@ def refine_absolute_pose(
 
 def cell_crowds(pixels: Float64Array, camera: Camera, cells: int) -> Float64Array:
     """How many of the pixels, (N, 2), lie in the cell of each, (N,)."""
-    cell = np.floor(pixels * (cells / camera.width)).astype(np.int64)
-    _, which, counts = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
-    return counts[which.reshape(-1)].astype(np.float64)
+    column, row = np.floor(pixels * (cells / camera.width)).astype(np.int64).T
+    _, which, counts = np.unique(
+        row * (4 * cells) + column, return_inverse=True, return_counts=True
+    )  # columns differ by less than that: matches lie in the photo
+    return counts[which].astype(np.float64)
 
 
 def _covariance(
@@ -165,9 +165,19 @@ def _covariance(
     weights = 1.0 / (1.0 + errors**2 / settings.noise_pixels**2)
     weights /= cell_crowds(pixels, camera, settings.cells)
     variance = np.sum(weights * errors**2) / (2.0 * np.sum(weights))
-    hessian = np.einsum("nri,n,nrj->ij", jacobian, weights, jacobian)
+    hessian, _ = normal_equations(jacobian, weights, np.zeros((len(pixels), 2)))
     scale = settings.noise_correlation * max(float(variance), 1e-6)
     return scale * covariance_from_information(hessian)
+
+
+def normal_equations(
+    jacobian: Float64Array, weights: Float64Array, residuals: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """``sum w J^T J``, (U, U), and ``sum w J^T r``, (U,), of (N, 2, U) Jacobians, (N,) weights and
+    (N, 2) residuals."""
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    weighted = flat * np.repeat(weights, 2)[:, None]
+    return weighted.T @ flat, weighted.T @ residuals.reshape(-1)
 
 
 def solve_observed(hessian: Float64Array, gradient: Float64Array) -> Float64Array:

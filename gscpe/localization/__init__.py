@@ -2,6 +2,7 @@
 """One photo: where to begin, attempts, their fusion, and whether the pose can be trusted."""
 
 from gscpe.localization.attempt import Attempt
+from gscpe.localization.easy import EasySettings
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 from gscpe.localization.localizer import Localizer
 from gscpe.localization.observer import Observer
@@ -12,6 +13,7 @@ from gscpe.localization.verification import VerificationSettings
 
 __all__ = [
     "Attempt",
+    "EasySettings",
     "FusionSettings",
     "LocalizationResult",
     "Localizer",

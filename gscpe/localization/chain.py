@@ -1,51 +1,51 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is tried for a photo: starts, coarse stage, refinement, and whether to trust it."""
+"""What is tried for a photo, from what costs little to what costs much."""
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
-from typing import Iterator, Sequence
+from typing import Iterable, Iterator, Sequence
 
-from gscpe.arrays import Float64Array
-from gscpe.coarse import estimate_coarse_pose
-from gscpe.localization.attempt import Attempt, PreparedPhoto
+from gscpe.localization.attempt import Attempt
+from gscpe.localization.clock import Clock
+from gscpe.localization.matchers import Matchers, NamedMatcher
 from gscpe.localization.observer import Observer
 from gscpe.localization.places import Places
+from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.settings import LocalizerSettings
+from gscpe.localization.stages import Stages
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.turns import turned_back, turned_photo
-from gscpe.localization.verification import (
-    doubt_about_aligned,
-    doubt_about_coarse,
-    doubt_about_tracked,
-)
-from gscpe.matching import Matcher, SiftMatcher
-from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
-from gscpe.render import Renderer
-from gscpe.scene import Map, Photo
+from gscpe.matching import SiftMatcher
+from gscpe.scene import Photo
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """All stages for photos of one map; everything is with respect to the map's own frame.
+    """Everything that is tried for photos of one map; all is with respect to the map's own frame.
 
     Attributes:
-        map: the map.
-        settings: of every stage.
-        renderer: of the map's splat.
-        matcher: of photo and render.
+        settings: what is tried.
+        matchers: of photo and render.
         places: where to begin.
+        stages: of one attempt.
+        has_references: whether the map has reference photos.
     """
 
-    map: Map
     settings: LocalizerSettings
-    renderer: Renderer
-    matcher: Matcher
+    matchers: Matchers
     places: Places
+    stages: Stages
+    has_references: bool
+
+    def prepared(self, photo: Photo, clock: Clock, orientation: int = 1) -> PreparedPhoto:
+        """A photo, at the map's resolution, to be localized."""
+        beside, side = self.stages.beside, self.settings.easy.side
+        return PreparedPhoto(photo, self.matchers.first.matcher, clock, orientation, beside, side)
 
     def attempts(
         self,
@@ -54,76 +54,101 @@ class Chain:
         references: Sequence[str] | None,
         observer: Observer,
     ) -> Iterator[Attempt]:
-        """What comes of each start; at last, of the photo turned by quarters, which learned
-        features do not recognize."""
-        trusted = False
-        for start in self.places.starts(query, prior, references):
-            attempt = self._attempt(query, start, prior, observer)
-            _log.debug("from %s %s: %s", start.kind, start.reference or "", attempt.doubt or "ok")
-            trusted = trusted or attempt.doubt is None
-            yield attempt
-        if trusted:
-            return
+        """What comes of each start; and as long as nothing can be trusted, of what costs more:
+        LighterGlue, the photo turned by quarters, more places, SIFT."""
+        first, begun = self.matchers.first, list[Start]()
+        starts = self.places.starts(query, prior, references)
+        learned = [name for name in self.matchers.others if name != "sift"]
+        steps = (
+            self._from_starts(query, self._first(starts, begun), first, prior, observer),
+            self._again(query, begun, learned, observer),
+            self._turned(query, references, observer),
+            self._more_places(query, starts, learned, observer),
+            self._again(query, begun, [n for n in self.matchers.others if n == "sift"], observer),
+        )
+        for step in steps:
+            trusted = False
+            for attempt in step:
+                _log.debug("%s", attempt)
+                yield attempt
+                trusted = trusted or attempt.doubt is None
+            if trusted:
+                return
+
+    def _first(self, starts: Iterator[Start], begun: list[Start]) -> Iterator[Start]:
+        """Those that are tried first; they are kept in ``begun``, without that of tracking, which
+        is also an unsure prior."""
+        references = 0
+        while references < self.settings.hypotheses and (start := next(starts, None)) is not None:
+            references += start.kind == "reference"
+            if start.kind != "tracking":
+                begun.append(start)
+            yield start
+
+    def _from_starts(
+        self,
+        query: PreparedPhoto,
+        starts: Iterable[Start],
+        matcher: NamedMatcher,
+        prior: PosePrior | None,
+        observer: Observer,
+    ) -> Iterator[Attempt]:
+        for start in starts:
+            if start.kind == "tracking":
+                assert prior is not None
+                yield self.stages.track(query, start, prior, observer)
+            else:
+                yield self.stages.attempt(query, start, matcher, observer)
+
+    def _again(
+        self,
+        query: PreparedPhoto,
+        begun: Sequence[Start],
+        names: Sequence[str],
+        observer: Observer,
+    ) -> Iterator[Attempt]:
+        """From the same starts with other matchers; one that cannot be opened is an attempt that
+        says so."""
+        for name in names if begun else ():
+            matcher = self.matchers.open(name)
+            if isinstance(matcher, str):
+                yield Attempt(begun[0], None, None, f"{name} was not tried: {matcher}", 1, name)
+            else:
+                yield from self._from_starts(query, begun, matcher, None, observer)
+
+    def _more_places(
+        self,
+        query: PreparedPhoto,
+        starts: Iterator[Start],
+        names: Sequence[str],
+        observer: Observer,
+    ) -> Iterator[Attempt]:
+        """From the starts that are left, with the strongest of the matchers that can be used."""
+        opened = [self.matchers.open(name) for name in names]
+        usable = [matcher for matcher in opened if not isinstance(matcher, str)]
+        matcher = usable[-1] if usable else self.matchers.first
+        yield from self._from_starts(query, starts, matcher, None, observer)
+
+    def _turned(
+        self, query: PreparedPhoto, references: Sequence[str] | None, observer: Observer
+    ) -> Iterator[Attempt]:
         for turned in self.turned(query):
             for start in self.turned_starts(turned, references):
-                attempt = self._attempt(turned, start, None, observer)
-                _log.debug("turned %d, %s: %s", turned.orientation, start.reference, attempt.doubt)
+                attempt = self.stages.attempt(turned, start, self.matchers.first, observer)
                 yield turned_back(attempt, turned)
 
     def turned(self, query: PreparedPhoto) -> Iterator[PreparedPhoto]:
-        if not len(self.map.references) or isinstance(self.matcher, SiftMatcher):
+        """The photo turned by quarters, which learned features do not recognize."""
+        if not self.has_references or isinstance(self.matchers.first.matcher, SiftMatcher):
             return  # there is nothing that is upright; or turns do not matter
         for orientation in self.settings.orientations:
             photo = turned_photo(query.photo, orientation)
-            yield PreparedPhoto(photo, self.matcher, query.clock, orientation)
+            yield self.prepared(photo, query.clock, orientation)
 
     def turned_starts(
         self, turned: PreparedPhoto, references: Sequence[str] | None = None
     ) -> Iterator[Start]:
         return islice(self.places.starts(turned, None, references), self.settings.turned_hypotheses)
-
-    def _attempt(
-        self, query: PreparedPhoto, start: Start, prior: PosePrior | None, observer: Observer
-    ) -> Attempt:
-        settings, clock = self.settings, query.clock
-        if start.kind == "tracking":
-            assert prior is not None
-            with clock.stage("refinement"):
-                refinement = replace(settings.refinement, levels=settings.tracking_levels)
-                aligned = self._refine(query.photo, start.cam_from_world, refinement, observer)
-            doubt = doubt_about_tracked(prior, aligned, settings.verification, self.map.frame)
-            return Attempt(start, None, aligned, doubt)
-        prepared = query.for_matching
-        with clock.stage("coarse"):
-            coarse = estimate_coarse_pose(
-                self.renderer,
-                self.matcher,
-                prepared,
-                query.photo.camera,
-                start.cam_from_world,
-                settings.coarse,
-                observer,
-            )
-        doubt = doubt_about_coarse(coarse, query.photo.camera, settings.verification)
-        if doubt is not None or coarse.cam_from_world is None:
-            return Attempt(start, coarse, None, doubt)
-        with clock.stage("refinement"):
-            aligned = self._refine(
-                query.photo, coarse.cam_from_world, settings.refinement, observer
-            )
-        doubt = doubt_about_aligned(
-            coarse, aligned, settings.verification, settings.fusion, self.map.frame
-        )
-        return Attempt(start, coarse, aligned, doubt)
-
-    def _refine(
-        self,
-        photo: Photo,
-        cam_from_world: Float64Array,
-        settings: RefinementSettings,
-        observer: Observer,
-    ) -> RefinementResult:
-        return refine_pose(self.renderer, photo, cam_from_world, settings, observer)
 
     def is_sure(self, attempt: Attempt) -> bool:
         sure = self.settings.verification.sure_agreement

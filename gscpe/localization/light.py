@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a photo is too dark or too bright to show anything."""
+"""Photos that are too dark: seen as if there had been more light, or too dark to show anything."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +11,25 @@ from gscpe.scene import Photo
 
 _DARK, _BRIGHT = 40, 250
 _SPARKS = 0.001  # share of the pixels that may be otherwise: sensor noise, reflections
+
+_DIM, _WELL_LIT = 150, 235
+"""What is brightest in a photo that is brightened, at most; and what it becomes."""
+
+
+def well_lit(photo: Photo) -> Photo:
+    """The photo as features see it: a dim one, where SIFT's contrasts would be too small, times a
+    factor that makes its brightest pixels as bright as usual. (Measured on photos with a tenth and
+    a twentieth of the light: equalizing the histogram, or local mean and contrast, lost matches.)
+    """
+    seen = photo.rgb if photo.valid is None else photo.rgb[photo.valid]
+    pixels = seen.reshape(-1, 3)
+    if not len(pixels):
+        return photo
+    brightest = float(np.quantile(pixels.max(axis=1), 0.98))
+    if not 0 < brightest <= _DIM:
+        return photo
+    table = np.rint(np.minimum(_WELL_LIT / brightest * np.arange(256), 255.0)).astype(np.uint8)
+    return replace(photo, rgb=table[photo.rgb])
 
 
 def trouble_with_light(photo: Photo) -> str | None:

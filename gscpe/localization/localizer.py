@@ -7,6 +7,7 @@ import logging
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Iterator, Sequence
 
@@ -18,19 +19,23 @@ from gscpe.coarse import estimate_coarse_pose
 from gscpe.errors import CameraError, ClosedError, MapError, PoseError, SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
-from gscpe.localization.attempt import Attempt, PreparedPhoto
+from gscpe.localization.attempt import Attempt
+from gscpe.localization.beside import Beside
 from gscpe.localization.border import attempt_in_world, prior_in_map, view_in_world
 from gscpe.localization.chain import Chain
 from gscpe.localization.clock import Clock
 from gscpe.localization.light import trouble_with_light
+from gscpe.localization.matchers import Matchers
 from gscpe.localization.observer import Observer
 from gscpe.localization.places import Places
+from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.result import NO_FEATURES, LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
+from gscpe.localization.stages import Stages
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.unknown_camera import estimate_camera, ordinary_camera
 from gscpe.localization.verification import doubt_about_coarse
-from gscpe.matching import Matcher, make_matcher
+from gscpe.matching import Matcher
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import GaussianScene, Map, Photo, open_map, to_photo
 from gscpe.scene.image_array import check_image
@@ -49,8 +54,9 @@ class Localizer(Closing):
     Args:
         map_: to localize in, or the path of its folder.
         settings: of every stage.
-        matcher: of photo and render, or the name of one, or None for "auto"; see
-            :func:`gscpe.make_matcher`.
+        matcher: of photo and render; or the name of one, or None for "auto", see
+            :func:`gscpe.make_matcher`: photos that are not found with it are then tried with those
+            that cost more (``LocalizerSettings.escalate``).
         backend, progress: as :class:`gscpe.Renderer`.
 
     Raises:
@@ -82,12 +88,14 @@ class Localizer(Closing):
         map_ = map_ if isinstance(map_, Map) else open_map(map_)
         self.map = map_
         self.settings = settings or LocalizerSettings()
-        self._matcher: Matcher = (
-            make_matcher(matcher) if isinstance(matcher, str) else matcher or make_matcher()
-        )
-        self._places = Places(map_, self.settings, self._matcher)
+        matchers = Matchers(matcher, followed=self.settings.escalate)
+        self._matcher = matchers.first.matcher
+        self._places = Places(map_, self.settings)
         self._renderer = Renderer(map_.scene, backend, progress)
-        self._chain = Chain(map_, self.settings, self._renderer, self._matcher, self._places)
+        self._beside = Beside(self._matcher)
+        stages = Stages(map_.frame, self.settings, self._renderer, self._beside)
+        has_references = len(map_.references) > 0
+        self._chain = Chain(self.settings, matchers, self._places, stages, has_references)
         self._lock = threading.RLock()  # an observer may render
         self._closed = False
 
@@ -167,7 +175,7 @@ class Localizer(Closing):
             prior = prior_in_map(prior, frame)
         clock = Clock()
         photo = self.at_the_maps_resolution(to_photo(image, camera))
-        query = PreparedPhoto(photo, self._matcher, clock)
+        query = self._chain.prepared(photo, clock)
         attempts: list[Attempt] = []
         for attempt in self._chain.attempts(query, prior, references, observer):
             observer.attempted(attempt)
@@ -219,7 +227,7 @@ class Localizer(Closing):
         at_size = resized_photo(photo, larger)
         query = PreparedPhoto(at_size, self._matcher, Clock())
         reason = NO_FEATURES
-        for start in self._places.starts(query):
+        for start in islice(self._places.starts(query), self.settings.hypotheses):
             estimate = self._estimate_from(query, start)
             if isinstance(estimate, Camera):
                 return estimate.resized(photo.camera.width, photo.camera.height)
@@ -323,4 +331,5 @@ class Localizer(Closing):
         be used afterwards."""
         with self._lock:
             self._closed = True
+            self._beside.close()
             self._renderer.close()

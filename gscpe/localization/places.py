@@ -9,7 +9,7 @@ from typing import Iterable, Iterator, Sequence
 import numpy as np
 
 from gscpe.errors import MapError
-from gscpe.localization.attempt import PreparedPhoto
+from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import (
     PosePrior,
@@ -17,7 +17,6 @@ from gscpe.localization.starts import (
     different_places,
     near_the_prior_first,
 )
-from gscpe.matching import Matcher, XFeatMatcher
 from gscpe.retrieval import ReferenceIndex, RetrievedReference, open_describer
 from gscpe.scene import Map
 
@@ -31,18 +30,16 @@ class Places:
     Args:
         map_: whose references are searched.
         settings: of the localizer.
-        matcher: of photo and render; its features serve retrieval too, where it is described by
-            the same.
 
     Raises:
         MapError, ModelError, MissingDependencyError: as :func:`gscpe.retrieval.open_describer`.
     """
 
-    def __init__(self, map_: Map, settings: LocalizerSettings, matcher: Matcher) -> None:
+    def __init__(self, map_: Map, settings: LocalizerSettings) -> None:
         self._references = map_.references
         self._settings = settings
-        self._shares_features = isinstance(matcher, XFeatMatcher)
         self._describer = open_describer(map_.descriptors, settings.retrieval_model)
+        self._uses_xfeat = map_.descriptors.method == "vlad-xfeat"
         self._index = ReferenceIndex(map_.descriptors.descriptors, settings.index)
 
     def starts(
@@ -51,7 +48,8 @@ class Places:
         prior: PosePrior | None = None,
         names: Sequence[str] | None = None,
     ) -> Iterator[Start]:
-        """Where to begin, best first; retrieval runs only when it is reached."""
+        """Where to begin, best first, more places included; retrieval runs only when it is
+        reached."""
         settings, references = self._settings, self._references
         if prior is not None:
             if (
@@ -70,7 +68,7 @@ class Places:
             reach = settings.prior_sigmas * prior.translation_sigma + same_place
             ranking = near_the_prior_first(ranking, poses, prior, reach)
         places = different_places(ranking, poses, same_place, settings.same_place_degrees)
-        for reference in islice(places, settings.hypotheses):
+        for reference in islice(places, settings.hypotheses + settings.more_places):
             name = references.names[reference.index]
             yield Start("reference", poses[reference.index], name)
 
@@ -88,9 +86,9 @@ class Places:
     def _retrieve(self, query: PreparedPhoto) -> Iterator[RetrievedReference]:
         """All reference photos, most similar first, as far as they are asked for; features that
         matching needs are not detected again to describe the photo."""
-        photo, features = query.photo, None
-        if self._shares_features:
-            features = query.for_matching.features
+        query.begin()
+        photo = query.well_lit
+        features = query.xfeat_features() if self._uses_xfeat else None
         with query.clock.stage("retrieval"):
             described = self._describer.describe(photo.rgb, features, photo.valid)
         if np.any(described):

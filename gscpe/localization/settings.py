@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gscpe.coarse import CoarseSettings, FocalSettings
 from gscpe.errors import SettingsError
+from gscpe.localization.easy import EasySettings
 from gscpe.localization.fusion import FusionSettings
 from gscpe.localization.verification import VerificationSettings
 from gscpe.refinement import RefinementSettings
@@ -28,6 +29,9 @@ class LocalizerSettings:
         orientations: turns (EXIF orientations) that are tried if a photo is not recognized; not
             with SIFT, which recognizes turned photos.
         turned_hypotheses: places that are tried in each.
+        more_places: places that are tried after all this, one after the other.
+        escalate: whether a photo that is not found with a matcher that was chosen by its name is
+            tried with those that cost more: "xfeat", then "xfeat+lighterglue", then "sift".
         prior_sigmas: deviations of an unsure prior within which references are tried first.
         prior_degrees: of a prior whose rotation is less certain than this, only the position is
             used: a render from there would show something else than the photo.
@@ -52,6 +56,8 @@ class LocalizerSettings:
     same_place_degrees: float = 30.0
     orientations: tuple[int, ...] = (6, 8, 3)
     turned_hypotheses: int = 1
+    more_places: int = 3
+    escalate: bool = True
     prior_sigmas: float = 3.0
     prior_degrees: float = 60.0
     same_resolution: float = 1.03
@@ -63,6 +69,7 @@ class LocalizerSettings:
     tracking_levels: int = 4
     index: IndexSettings = field(default_factory=IndexSettings)
     retrieval_model: str | Path | None = None
+    easy: EasySettings = field(default_factory=EasySettings)
     coarse: CoarseSettings = field(default_factory=CoarseSettings)
     focal: FocalSettings = field(default_factory=FocalSettings)
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
@@ -75,5 +82,7 @@ class LocalizerSettings:
                 "at least one place must be tried, and as many references retrieved, not "
                 f"{self.hypotheses} and {self.retrieved}"
             )
+        if self.more_places < 0:
+            raise SettingsError(f"more_places cannot be negative, not {self.more_places}")
         if self.same_resolution < 1 or self.most_enlarged < 1:
             raise SettingsError("same_resolution and most_enlarged are factors of at least 1")

@@ -15,7 +15,8 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult
 from gscpe.geometry import se3
-from gscpe.localization.attempt import Attempt, PreparedPhoto
+from gscpe.localization.attempt import Attempt
+from gscpe.localization.prepared import PreparedPhoto
 from gscpe.refinement import RefinementResult
 from gscpe.scene import Photo
 from gscpe.scene.orientation import (

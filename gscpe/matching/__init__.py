@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Point matches between a photo and a render, behind one protocol."""
 
-from gscpe.matching.choose import MATCHERS, make_matcher, matcher_name
+from gscpe.matching.choose import MATCHERS, make_matcher, matcher_name, name_of
 from gscpe.matching.lighterglue_matcher import LighterGlueMatcher, LighterGlueMatcherSettings
 from gscpe.matching.onnx_matcher import OnnxMatcher, OnnxMatcherSettings
 from gscpe.matching.polish import PolishSettings
@@ -24,4 +24,5 @@ __all__ = [
     "XFeatMatcherSettings",
     "make_matcher",
     "matcher_name",
+    "name_of",
 ]

@@ -68,3 +68,14 @@ def _refuse_damaged(network: str) -> None:
             f"{network} is {state}; install it again (gscpe models install xfeat), "
             "or choose the matcher sift"
         )
+
+
+def name_of(matcher: Matcher) -> str:
+    """The name of a matcher; of a kind that has none, its class's."""
+    names = {
+        SiftMatcher: "sift",
+        XFeatMatcher: "xfeat",
+        LighterGlueMatcher: "xfeat+lighterglue",
+        OnnxMatcher: "onnx",
+    }
+    return names.get(type(matcher), type(matcher).__name__)

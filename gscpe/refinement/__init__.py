@@ -2,6 +2,8 @@
 """Algorithm 2 of the paper, with Lucas-Kanade in place of Adam."""
 
 from gscpe.refinement.exposure import ClippingSettings
+from gscpe.refinement.illumination import IlluminationSettings
+from gscpe.refinement.light import LightSettings
 from gscpe.refinement.loop import RefinementResult, RefinementSettings, refine_pose
 from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
 from gscpe.refinement.observer import RefinementObserver
@@ -11,6 +13,8 @@ from gscpe.refinement.visibility import VisibilitySettings
 __all__ = [
     "Alignment",
     "ClippingSettings",
+    "IlluminationSettings",
+    "LightSettings",
     "LucasKanadeSettings",
     "PoseUncertainty",
     "RefinementObserver",

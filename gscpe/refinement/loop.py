@@ -12,8 +12,8 @@ from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.refinement.agreement import photometric_agreement
-from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
+from gscpe.refinement.light import LightSettings, PhotoLight
 from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
 from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import anchor_pyramid, photo_pyramid
@@ -39,7 +39,7 @@ class RefinementSettings:
         turned_degrees: where images are halved ``turned_level`` times or more, the smallest is
             aligned from cameras turned by so many degrees, too; 0: not.
         turned_level: see above.
-        clipping: of overexposed photos.
+        light: of photos that are overexposed, or lit unevenly.
         max_anchors: renders that serve as templates, at most.
         min_anchors: ... at least; the later ones see the scene from the aligned pose.
         rerender_pixels: the scene is rendered anew when the image has moved more than this
@@ -61,7 +61,7 @@ class RefinementSettings:
     agreement_level: int = 1
     turned_degrees: float = 5.0
     turned_level: int = 4
-    clipping: ClippingSettings = field(default_factory=ClippingSettings)
+    light: LightSettings = field(default_factory=LightSettings)
     max_anchors: int = 5
     min_anchors: int = 1
     rerender_pixels: float = 1.0
@@ -159,7 +159,7 @@ def refine_pose(
     )
     cam_from_world = start_cam_from_world
     last_light = 1.0, 0.0
-    clipped = is_clipped(photo.rgb, settings.clipping)
+    light = PhotoLight(photo, settings.light)
     alignment: Alignment | None = None
     anchors = 0
     while anchors < settings.max_anchors:
@@ -172,13 +172,10 @@ def refine_pose(
         # After a small step the anchor is at the solution: coarse levels have nothing to add.
         fine = alignment is not None and alignment.motion_pixels <= settings.far_pixels
         levels = min(1, most_levels) if fine else most_levels
-        light = fit_exposure(view.rgb, photo.rgb, mask, settings.clipping) if clipped else None
-        if light is None:
-            image, (gain, bias) = luminance(view.rgb), last_light
-        else:
-            image, gain, bias = luminance(expose(view.rgb, *light)), 1.0, 0.0
+        lit = light.of(view, mask)
+        gain, bias = (1.0, 0.0) if lit.changed else last_light
         pyramid = anchor_pyramid(
-            image, view.depth, mask, view.camera, max(levels, compared), settings.lenient_level
+            lit.image, view.depth, mask, view.camera, max(levels, compared), settings.lenient_level
         )
         prepared = PreparedAnchor.of(pyramid[: levels + 1], (levels + 1) * [settings.solver])
         found = align_levels(
@@ -190,7 +187,8 @@ def refine_pose(
             return _failed(found, anchors)
         alignment, template = found
         observer.anchor_aligned(alignment)
-        last_light = _of_the_render(alignment, light)
+        # Of the render as it was before it was exposed and lit.
+        last_light = alignment.gain * lit.gain, alignment.gain * lit.bias + alignment.bias
         cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
         _log.debug(
@@ -234,12 +232,6 @@ def _needs_new_anchor(
     return (metres is not None and moved.distance > metres) or (
         degrees is not None and moved.degrees > degrees
     )
-
-
-def _of_the_render(alignment: Alignment, light: tuple[float, float] | None) -> tuple[float, float]:
-    """Gain and bias of the alignment, of the render as it was before it was exposed."""
-    gain, bias = light or (1.0, 0.0)
-    return alignment.gain * gain, alignment.gain * bias + alignment.bias
 
 
 def _all_valid(photo: Photo) -> BoolArray:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import Localizer, PosePrior
+from gscpe import Localizer, LocalizerSettings, PosePrior
 from gscpe.geometry import se3
 from gscpe.scene import Map, Photo, References
 
@@ -37,10 +37,10 @@ def map_with(*others: NDArray[np.float64]) -> Map:
     )
 
 
-def tried(map_: Map, prior: PosePrior | None = None) -> list[str | None]:
+def tried(map_: Map, prior: PosePrior | None = None, **settings: int) -> list[str | None]:
     """The references that a photo of another room is looked for at, in vain."""
     photo = room(9).shoot(CAMERA, ROOM_POSE).uint8
-    with Localizer(map_, matcher="sift") as localizer:
+    with Localizer(map_, LocalizerSettings(**settings), "sift") as localizer:  # type: ignore[arg-type]
         result = localizer.localize(photo, CAMERA, prior, map_.references.names)
     assert not result.localized
     assert result.best in result.attempts
@@ -59,9 +59,10 @@ def test_one_reference_a_place(metres: float, degrees: float, expected: list[str
     assert tried(map_with(moved(metres, degrees))) == expected
 
 
-def test_three_places_at_most() -> None:
-    places = [moved(0.6 * i, 0.0) for i in range(1, 5)]
-    assert tried(map_with(*places)) == ["0", "1", "2"]
+def test_three_places_and_then_three_more() -> None:
+    places = [moved(0.6 * i, 0.0) for i in range(1, 8)]
+    assert tried(map_with(*places)) == ["0", "1", "2", "3", "4", "5"]
+    assert tried(map_with(*places), more_places=0) == ["0", "1", "2"]
 
 
 def test_an_unsure_prior_says_which_comes_first() -> None:

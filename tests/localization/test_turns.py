@@ -14,8 +14,9 @@ from gscpe import Localizer
 from gscpe.arrays import BoolArray, UInt8Array
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.geometry.projection import project, transform_points
-from gscpe.localization.attempt import Attempt, PreparedPhoto
+from gscpe.localization.attempt import Attempt
 from gscpe.localization.clock import Clock
+from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.starts import Start
 from gscpe.localization.turns import pixels_turned_back, turned_back, turned_photo
 from gscpe.matching import Matches, SiftMatcher

@@ -32,6 +32,7 @@ def mask_of(
     view: RenderedView, renderer: Any = None, metres_per_unit: float = 1.0, **settings: Any
 ) -> NDArray[np.bool_]:
     renderer = renderer or RayCastRenderer(room())
+    settings = {"views": 2, **settings}
     return visibility_mask(renderer, view, VisibilitySettings(**settings), metres_per_unit)
 
 

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One attempt: matches and alignment from one start, and whether to trust them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gscpe.coarse import CoarseResult, estimate_coarse_pose
+from gscpe.localization.attempt import Attempt
+from gscpe.localization.beside import Beside
+from gscpe.localization.easy import localize_easy
+from gscpe.localization.matchers import NamedMatcher
+from gscpe.localization.observer import Observer
+from gscpe.localization.prepared import PreparedPhoto
+from gscpe.localization.settings import LocalizerSettings
+from gscpe.localization.starts import PosePrior, Start
+from gscpe.localization.verification import (
+    doubt_about_aligned,
+    doubt_about_coarse,
+    doubt_about_tracked,
+)
+from gscpe.refinement import RefinementResult, refine_pose
+from gscpe.render import Renderer
+from gscpe.scene import MapFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """All stages for photos of one map; everything is with respect to the map's own frame.
+
+    Attributes:
+        frame: of the map.
+        settings: of every stage.
+        renderer: of the map's splat.
+        beside: a second thread.
+    """
+
+    frame: MapFrame
+    settings: LocalizerSettings
+    renderer: Renderer
+    beside: Beside
+
+    def track(
+        self, query: PreparedPhoto, start: Start, prior: PosePrior, observer: Observer
+    ) -> Attempt:
+        """Aligns from a near prior, without matches."""
+        settings = self.settings
+        with query.clock.stage("refinement"):
+            refinement = replace(settings.refinement, levels=settings.tracking_levels)
+            aligned = refine_pose(
+                self.renderer, query.photo, start.cam_from_world, refinement, observer
+            )
+        doubt = doubt_about_tracked(prior, aligned, settings.verification, self.frame)
+        return Attempt(start, None, aligned, doubt)
+
+    def attempt(
+        self, query: PreparedPhoto, start: Start, named: NamedMatcher, observer: Observer
+    ) -> Attempt:
+        """Matches and alignment: with one render each where the photo is easy, else with the whole
+        coarse loop."""
+        settings, matcher = self.settings, named.matcher
+        query.begin()
+        if settings.easy.side > 0:
+            found = localize_easy(
+                self.renderer,
+                matcher,
+                query,
+                start.cam_from_world,
+                self.beside,
+                settings.easy,
+                settings.coarse,
+                settings.refinement,
+                observer,
+            )
+            if found is not None and self._doubt(query, *found) is None:
+                return Attempt(start, *found, None, matcher=named.name)
+        prepared = query.prepared_for(matcher)
+        with query.clock.stage("coarse"):
+            coarse = estimate_coarse_pose(
+                self.renderer,
+                matcher,
+                prepared,
+                query.photo.camera,
+                start.cam_from_world,
+                settings.coarse,
+                observer,
+            )
+        doubt = doubt_about_coarse(coarse, query.photo.camera, settings.verification)
+        if doubt is not None or coarse.cam_from_world is None:
+            return Attempt(start, coarse, None, doubt, matcher=named.name)
+        with query.clock.stage("refinement"):
+            aligned = refine_pose(
+                self.renderer, query.photo, coarse.cam_from_world, settings.refinement, observer
+            )
+        doubt = self._doubt(query, coarse, aligned)
+        return Attempt(start, coarse, aligned, doubt, matcher=named.name)
+
+    def _doubt(
+        self, query: PreparedPhoto, coarse: CoarseResult, aligned: RefinementResult
+    ) -> str | None:
+        verification = self.settings.verification
+        return doubt_about_coarse(coarse, query.photo.camera, verification) or doubt_about_aligned(
+            coarse, aligned, verification, self.settings.fusion, self.frame
+        )

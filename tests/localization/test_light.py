@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Dim photos are matched as if they had been lit well, and are otherwise left as they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import ROOM_POSE, room, room_camera, room_map
+
+from gscpe import Localizer
+from gscpe.geometry import pose_difference, se3
+from gscpe.localization.light import well_lit
+from gscpe.scene import Photo
+
+CAMERA = room_camera(240, 180)
+TRUTH = np.asarray(se3.exp([0.06, -0.03, 0.05, 0.02, -0.03, 0.01]) @ ROOM_POSE)
+
+
+def photo(factor: float, bias: float = 0.0) -> Photo:
+    image = factor * room().shoot(CAMERA, TRUTH, samples=2).uint8 + bias
+    return Photo(np.rint(image).astype(np.uint8), CAMERA)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.1, 0.05])
+def test_dim_photos_are_brightened(factor: float) -> None:
+    dim = photo(factor)
+    bright = well_lit(dim)
+    assert np.quantile(bright.rgb.max(axis=2), 0.98) == pytest.approx(235, abs=2)
+    # Brighter stays brighter, and what was equal is equal.
+    for channel in range(3):
+        order = np.argsort(dim.rgb[..., channel], axis=None)
+        assert np.all(np.diff(bright.rgb[..., channel].reshape(-1)[order].astype(int)) >= 0)
+
+
+def test_others_are_not_touched() -> None:
+    for known in (photo(1.0), photo(0.6, 90.0), Photo(np.zeros((180, 240, 3), np.uint8), CAMERA)):
+        assert well_lit(known) is known
+    hidden = Photo(photo(0.1).rgb, CAMERA, np.zeros((180, 240), dtype=bool))
+    assert well_lit(hidden) is hidden
+
+
+def test_what_is_masked_does_not_count() -> None:
+    dim = photo(0.1)
+    rgb, valid = dim.rgb.copy(), np.ones((180, 240), dtype=bool)
+    rgb[:60], valid[:60] = 255, False
+    assert well_lit(Photo(rgb, CAMERA, valid)) is not None
+    np.testing.assert_allclose(
+        well_lit(Photo(rgb, CAMERA, valid)).rgb[60:].mean(), well_lit(dim).rgb.mean(), rtol=0.2
+    )
+
+
+def test_a_twentieth_of_the_light_is_localized() -> None:
+    with Localizer(room_map(), matcher="sift") as localizer:
+        result = localizer.localize(photo(0.05).rgb, CAMERA)
+    assert result.localized, result.reason
+    assert result.cam_from_world is not None and result.aligned is not None
+    error = pose_difference(result.cam_from_world, TRUTH)
+    assert error.distance < 0.02 and error.degrees < 0.4
+    assert 0.02 < result.aligned.gain < 0.1  # the photo is aligned as it is
