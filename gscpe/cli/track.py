@@ -24,8 +24,6 @@ from gscpe.scene.poses.hloc import parse_pose
 from gscpe.sequences import Frames, open_frames, read_camera
 from gscpe.tracking import Motion, Tracker, TrackingSettings
 
-_FAST = 0.5
-
 
 def add_parser(commands: Commands) -> None:
     parser = commands.add_parser(
@@ -137,7 +135,9 @@ def run(options: argparse.Namespace) -> int:
         rate=options.rate,
     )
     live = options.realtime or frames.live
-    settings = TrackingSettings(wait=not live, scale=_FAST if options.fast else 1.0)
+    settings = (
+        TrackingSettings.fast(wait=not live) if options.fast else TrackingSettings(wait=not live)
+    )
     tally = Tally()
     with ExitStack() as stack:
         localizer = stack.enter_context(
