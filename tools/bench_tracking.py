@@ -10,7 +10,7 @@ frame times. Decoding is not counted either.
 --memory N    N frames, by repeating the clips there and back; prints the memory on the way
 
 Usage: .venv/bin/python tools/bench_tracking.py MAP [--fast] [--plot FILE.png] [--backend NAME]
-           [--basin | --robustness | --memory N]
+           [--clips N] [--basin | --robustness | --memory N]
 """
 
 from __future__ import annotations
@@ -117,12 +117,16 @@ def measure(localizer: Localizer, clips: list[list[View]], fast: bool, plot: Pat
     photos = one_photo_rate(localizer, clips)
     print(f"one-photo localization: {photos:.2f} photos a second\n")
     runs, rows = {}, []
-    for name, scale in (("full size", 1.0), ("half size", 0.5)):
-        if fast and scale == 1.0:
+    kinds = {
+        "full size": TrackingSettings(wait=True),
+        "half size": TrackingSettings.fast(wait=True),
+    }
+    for name, settings in kinds.items():
+        if fast and settings.scale == 1.0:
             continue
         run = Run()
         for clip in clips:
-            follow(localizer, clip, TrackingSettings(wait=True, scale=scale), run)
+            follow(localizer, clip, settings, run)
         runs[name] = run
         errors = np.array([[error.centimetres, error.degrees] for error in run.errors])
         median, worst = np.median(errors, axis=0), np.max(errors, axis=0)
@@ -217,13 +221,14 @@ def main() -> int:
     parser.add_argument("map", help="of RedKitchen, from gscpe build-map")
     parser.add_argument("--backend", default="auto", choices=("auto", "gl", "cpu"))
     parser.add_argument("--fast", action="store_true", help="at half size alone")
+    parser.add_argument("--clips", type=int, default=5, help="of the five, at most")
     parser.add_argument("--plot", type=Path, help="picture to write (extra: plots)")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--basin", action="store_true", help="frames that are left out")
     what.add_argument("--robustness", action="store_true", help="frames that are spoilt")
     what.add_argument("--memory", type=int, metavar="N", help="over so many frames")
     options = parser.parse_args()
-    clips = read_clips(redkitchen())
+    clips = read_clips(redkitchen())[: options.clips]
     with Localizer(open_map(options.map), backend=options.backend) as localizer:
         print(f"{len(clips)} clips of {CLIP}, {localizer.renderer_description}\n")
         if options.basin:

@@ -18,13 +18,11 @@ from gscpe.cli.common import (
 from gscpe.cli.streams import say
 from gscpe.errors import GscpeError, OutputError, SequenceError
 from gscpe.following import Observes, Odometry, Overlay, Tally, TrackFiles, follow, read_odometry
-from gscpe.localization import Localizer
+from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.scene import open_map
 from gscpe.scene.poses.hloc import parse_pose
 from gscpe.sequences import Frames, open_frames, read_camera
 from gscpe.tracking import Motion, Tracker, TrackingSettings
-
-_FAST = 0.5
 
 
 def add_parser(commands: Commands) -> None:
@@ -62,7 +60,7 @@ def add_parser(commands: Commands) -> None:
         "tracker has no time for (of a device, always so)",
     )
     parser.add_argument(
-        "--fast", action="store_true", help="half the size: twice as fast, and less exact"
+        "--fast", action="store_true", help="frames of half the size: faster, and less exact"
     )
     source = parser.add_argument_group("the source")
     source.add_argument(
@@ -106,6 +104,11 @@ def add_parser(commands: Commands) -> None:
         help='of the odometry\'s body in the camera: "qw qx qy qz tx ty tz" (default: the body is '
         "the camera)",
     )
+    parser.add_argument(
+        "--retrieval-model",
+        metavar="ONNX",
+        help="the exported network that described the map's photos",
+    )
     add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)
@@ -132,12 +135,15 @@ def run(options: argparse.Namespace) -> int:
         rate=options.rate,
     )
     live = options.realtime or frames.live
-    settings = TrackingSettings(wait=not live, scale=_FAST if options.fast else 1.0)
+    settings = (
+        TrackingSettings.fast(wait=not live) if options.fast else TrackingSettings(wait=not live)
+    )
     tally = Tally()
     with ExitStack() as stack:
         localizer = stack.enter_context(
             Localizer(
                 open_map(options.map),
+                LocalizerSettings(retrieval_model=options.retrieval_model),
                 matcher=options.matcher,
                 backend=options.backend,
                 progress=show_progress(),

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gscpe.arrays import Float32Array, Float64Array, IntArray
+from gscpe.arrays import Float64Array, IntArray
 from gscpe.geometry.projection import unproject_image
 from gscpe.refinement.lucas_kanade import Template, residuals_of, warp
+from gscpe.refinement.products import sums_by_label
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.sampling import sample_bilinear
 from gscpe.render import local_correlation
@@ -66,19 +67,14 @@ def block_agreement(
         blocks: (N,) number of each template pixel's block.
     """
     seen, usable = residuals_of(template, photo, photo_from_anchor, 0.0, 0.0)
-    count = int(blocks.max(initial=0)) + 1
-
-    def sums(values: Float32Array) -> Float64Array:
-        return np.asarray(np.bincount(blocks, values * usable, minlength=count), np.float64)
-
     shown = template.intensities
-    pixels = sums(np.ones_like(shown))
-    enough = pixels >= _FEWEST
-    pixels = np.maximum(pixels, 1.0)
-    mean_shown, mean_seen = sums(shown) / pixels, sums(seen) / pixels
-    var_shown = np.maximum(sums(shown * shown) / pixels - mean_shown**2, 0.0)
-    var_seen = np.maximum(sums(seen * seen) / pixels - mean_seen**2, 0.0)
-    common = sums(shown * seen) / pixels - mean_shown * mean_seen
+    rows = np.stack([np.ones_like(shown), shown, seen, shown * shown, seen * seen, shown * seen])
+    sums = sums_by_label(blocks, rows * usable)
+    enough = sums[0] >= _FEWEST
+    of_shown, of_seen, shown_squared, seen_squared, both = sums[1:] / np.maximum(sums[0], 1.0)
+    var_shown = np.maximum(shown_squared - of_shown**2, 0.0)
+    var_seen = np.maximum(seen_squared - of_seen**2, 0.0)
+    common = both - of_shown * of_seen
     enough &= np.maximum(var_shown, var_seen) > _TEXTURE**2
     overlap = float(np.count_nonzero(usable)) / max(len(usable), 1)
     if not np.any(enough):
@@ -87,6 +83,6 @@ def block_agreement(
     least = (0.5 * _TEXTURE) ** 2
     spread = np.sqrt(np.maximum(var_shown, least) * np.maximum(var_seen, least))
     correlation = (common / spread)[enough]
-    weights = pixels[enough] / pixels[enough].sum()
+    weights = sums[0][enough] / sums[0][enough].sum()
     alike = float(weights[correlation > 0.5].sum())
     return BlockAgreement(float(weights @ correlation), alike, overlap)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
 from gscpe.interrupts import interrupts_later
 from gscpe.render.compiled import compiled
@@ -103,6 +103,32 @@ def _inner_products(a, b, product):
                 product[i, j] += total
 
 
+@compiled(fastmath={"contract", "reassoc", "nsz"})
+def _weighted_squares(rows, weights, product):
+    """Adds to the product's upper half, (K, K), which is zero."""
+    count, several = weights.shape[0], rows.shape[0]
+    weighted = np.empty((several, _BLOCK), dtype=np.float32)
+    for begin in range(0, count, _BLOCK):
+        size = min(_BLOCK, count - begin)
+        for i in range(several):
+            for k in range(size):
+                weighted[i, k] = weights[begin + k] * rows[i, begin + k]
+        for i in range(several):
+            for j in range(i, several):
+                total = _F(0.0)
+                for k in range(size):
+                    total += weighted[i, k] * rows[j, begin + k]
+                product[i, j] += total
+
+
+@compiled()
+def _sums_by_label(labels, rows, sums):
+    """Adds to the sums, (K, L), which are zero."""
+    for i in range(rows.shape[0]):
+        for k in range(labels.shape[0]):
+            sums[i, labels[k]] += rows[i, k]
+
+
 @compiled(fastmath={"contract"})
 def _combined(matrix, rows, product):
     """Fills the product, (K, N)."""
@@ -120,6 +146,20 @@ def inner_products(a: Float32Array, b: Float32Array) -> Float64Array:
     product = np.empty((len(a), len(b)))
     _inner_products(np.ascontiguousarray(a), np.ascontiguousarray(b), product)
     return product
+
+
+def weighted_squares(rows: Float32Array, weights: Float32Array) -> Float64Array:
+    """As :func:`gscpe.refinement.products.weighted_squares`."""
+    product = np.zeros((len(rows), len(rows)))
+    _weighted_squares(np.ascontiguousarray(rows), np.ascontiguousarray(weights), product)
+    return product + np.triu(product, 1).T
+
+
+def sums_by_label(labels: IntArray, rows: Float32Array, count: int) -> Float64Array:
+    """As :func:`gscpe.refinement.products.sums_by_label`."""
+    sums = np.zeros((len(rows), count))
+    _sums_by_label(labels, np.ascontiguousarray(rows), sums)
+    return sums
 
 
 def combined(matrix: Float32Array, rows: Float32Array) -> Float32Array:
@@ -181,3 +221,5 @@ def compile_now() -> None:
         normal_equations(jacobian, ones, residuals, usable, 1.0, np.inf)
         inner_products(points, points)
         combined(points, points.T)
+        weighted_squares(points, ones)
+        sums_by_label(np.zeros(1, dtype=np.intp), points, 1)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import Float32Array, Float64Array, IntArray
 
 
 @functools.cache
@@ -32,6 +32,23 @@ def inner_products(a: Float32Array, b: Float32Array) -> Float64Array:
     loops = compiled_loops()
     product = a @ b.T if loops is None else loops.inner_products(a, b)
     return np.asarray(product, dtype=np.float64)
+
+
+def weighted_squares(rows: Float32Array, weights: Float32Array) -> Float64Array:
+    """``rows diag(weights) rows^T``, (K, K), of (K, N) and (N,)."""
+    loops = compiled_loops()
+    if loops is None:
+        return np.asarray((rows * weights) @ rows.T, dtype=np.float64)
+    return np.asarray(loops.weighted_squares(rows, weights))
+
+
+def sums_by_label(labels: IntArray, rows: Float32Array) -> Float64Array:
+    """The sums of each row, (K, N), over what has the same label, (N,): (K, largest label + 1)."""
+    count = int(labels.max(initial=0)) + 1
+    loops = compiled_loops()
+    if loops is None:
+        return np.stack([np.bincount(labels, row, minlength=count) for row in rows])
+    return np.asarray(loops.sums_by_label(labels, rows, count))
 
 
 def combined(matrix: Float32Array, rows: Float32Array) -> Float32Array:

@@ -33,7 +33,12 @@ from gscpe.refinement.lucas_kanade import (
     Template,
     residuals_of,
 )
-from gscpe.refinement.products import combined, inner_products
+from gscpe.refinement.products import (
+    combined,
+    inner_products,
+    sums_by_label,
+    weighted_squares,
+)
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
 from gscpe.refinement.sampling import gradient
@@ -116,18 +121,18 @@ def pose_uncertainty(
     light = np.stack([template.intensities, np.ones_like(residuals)])
     gain = np.float32(alignment.gain)
     design = np.concatenate([gain * template.jacobian.T, light])[:unknowns]
-    hessian = inner_products(design * weights, design)
+    hessian = weighted_squares(design, weights)
     inverse = covariance_from_information(hessian)
-    scores = design * (weights * residuals)
+    pulls = weights * residuals
     blocks = blocks_of(template, photo.camera, settings.blocks)
-    sums = np.stack([np.bincount(blocks, score) for score in scores])
-    between, within = sums @ sums.T, inner_products(scores, scores)
+    sums = sums_by_label(blocks, design * pulls)
+    between, within = sums @ sums.T, weighted_squares(design, pulls * pulls)
 
     # Eight-bit photos are not better known than that, however well the render fits.
     least = solver.min_noise**2
     mean = max(float(np.trace(inverse @ between)) / unknowns, least)
     rho = max(mean / max(float(np.trace(inverse @ within)) / unknowns, least), 1.0)
-    curved = inner_products(design * curvatures, design)
+    curved = weighted_squares(design, curvatures)
     curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
     middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
     factor = settings.factor * np.sqrt(rho) / curvature**2
@@ -173,7 +178,7 @@ def _shared_information(
     axes = np.asarray(np.linalg.eigh(shared)[1])
     whitened = (root @ axes).T.astype(np.float32)
     products = weights * combined(whitened, design) * combined(whitened, seen)
-    sums = np.stack([np.bincount(grains, product) for product in products])
+    sums = sums_by_label(grains, products)
     chance = _SIGNIFICANT * np.sqrt(np.sum(sums**2, axis=1))
     share = sums.sum(axis=1)
     kept = np.sqrt(np.maximum(share**2 - chance**2, 0.0)) * (share > 0)

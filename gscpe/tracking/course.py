@@ -36,6 +36,8 @@ _FIRST_LEAD = 2.0
 _BEYOND = 0.75
 """An anchor is asked for so much of its reach beyond where it will be needed first."""
 _MOST_FRAMES_AHEAD = 12.0
+_NEWEST = 0.2
+"""Weight of the last frame's time in their running mean."""
 
 
 class Course:
@@ -56,7 +58,7 @@ class Course:
         self._lost = 0
         self._found_anew = False
         self._lead = _FIRST_LEAD
-        self._interval = 1.0
+        self._interval: float | None = None
 
     @property
     def is_followed(self) -> bool:
@@ -96,6 +98,9 @@ class Course:
             return lost(contradiction)
         if self.state is None:
             return lost("the camera is lost")
+        if len(frame.levels) != len(self._anchors[0].prepared.levels):
+            self.state = None
+            return lost("the frames have another size than before")
         elapsed = frame.time - self.state.time
         expected = self.state.predicted(frame.time, frame.motion)
         outcome = frame.trouble() or self._aligned(frame, expected)
@@ -146,7 +151,8 @@ class Course:
         self._light = followed.alignment.gain, followed.alignment.bias
         status: TrackingStatus = "relocalized" if self._found_anew or self._lost else "tracking"
         self._lost, self._found_anew = 0, False
-        self._interval += 0.2 * (elapsed - self._interval) if frame.index > 1 else 0.0
+        before = elapsed if self._interval is None else self._interval
+        self._interval = before + _NEWEST * (elapsed - before)
         if not self._next.under_way:
             self._plan(followed, frame)
         return status
@@ -155,6 +161,7 @@ class Course:
         """Asks for an anchor where the camera will be once it is there, if all that there are will
         be too far then."""
         assert self.state is not None
+        assert self._interval is not None
         step, pose = self.state.velocity * self._interval, followed.cam_from_world
         ready = se3.exp(self._lead * step) @ pose
         reach = self._settings.anchor_pixels

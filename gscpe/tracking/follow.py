@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 from gscpe.localization.verification import worst_sigmas
-from gscpe.refinement import Alignment
+from gscpe.refinement import Alignment, LucasKanadeSettings
 from gscpe.refinement.agreement import BlockAgreement, block_agreement
 from gscpe.refinement.levels import TurnedStarts, align_levels
 from gscpe.refinement.uncertainty import pose_uncertainty
@@ -118,9 +118,15 @@ def doubt_about_picture(followed: Followed, trust: TrustSettings, sure: bool) ->
 
 def covariance_of(followed: Followed, frame: Frame, settings: TrackingSettings) -> Float64Array:
     """(6, 6) of xi in ``exp(xi) @ cam_from_world``, world units and radians."""
+    judged = followed.anchor.judged
+    # The covariance grows with the root of rho, which is measured against what independent pixels
+    # would give: with fewer of them, the same errors look less correlated.
+    fewer = np.sqrt(LucasKanadeSettings().max_template_pixels / len(judged.intensities))
+    settings_of_few = replace(
+        settings.uncertainty, factor=settings.uncertainty.factor * max(1.0, float(fewer))
+    )
     uncertainty = pose_uncertainty(
-        *(followed.anchor.judged, frame.levels[0], followed.alignment),
-        *(settings.solver, settings.uncertainty),
+        *(judged, frame.levels[0], followed.alignment, settings.solver, settings_of_few)
     )
     sigma = frame.camera.focal_sigma
     if sigma == 0.0:

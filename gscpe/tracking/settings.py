@@ -66,7 +66,7 @@ class TrackingSettings:
         kept_frames: frames that are kept while it works, to carry its answer forward.
         solver: at each level; ``max_template_pixels`` is replaced by the pixels above.
         visibility: mask of the anchors.
-        uncertainty: of the covariance; its factor is for ``judged_pixels``.
+        uncertainty: of the covariance.
         trust: when a pose is reported.
     """
 
@@ -85,10 +85,21 @@ class TrackingSettings:
         default_factory=lambda: LucasKanadeSettings(max_iterations=20, converged_pixels=0.03)
     )
     visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
-    uncertainty: UncertaintySettings = field(
-        default_factory=lambda: UncertaintySettings(factor=5.0)
-    )
+    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
+
+    @classmethod
+    def fast(cls, wait: bool = False) -> TrackingSettings:
+        """For frames of half the size: twice as fast, and less exact."""
+        return cls(
+            wait=wait,
+            scale=0.5,
+            template_pixels=10_000,
+            coarse_pixels=3_000,
+            judged_pixels=10_000,
+            anchor_pixels=8.0,
+            farthest_pixels=20.0,
+        )
 
     def __post_init__(self) -> None:
         if not 0 < self.scale <= 1:

@@ -11,7 +11,12 @@ from scenes import ROOM_POSE, room, room_camera
 from gscpe.geometry import se3
 from gscpe.refinement import LucasKanadeSettings, lucas_kanade, products
 from gscpe.refinement.lucas_kanade import Alignment, align, build_template, residuals_of
-from gscpe.refinement.products import combined, inner_products
+from gscpe.refinement.products import (
+    combined,
+    inner_products,
+    sums_by_label,
+    weighted_squares,
+)
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.scene import luminance
 
@@ -74,7 +79,14 @@ def test_products(count: int, without_numba: pytest.MonkeyPatch) -> None:
     matrix = rng.normal(size=(4, 3)).astype(np.float32)
     np.testing.assert_allclose(combined(matrix, b), matrix @ b, atol=1e-5)
     np.testing.assert_allclose(combined(matrix[:3].T, b), matrix[:3].T @ b, atol=1e-5)
+    weights = rng.uniform(-1, 1, count).astype(np.float32)
+    np.testing.assert_allclose(weighted_squares(a, weights), (a * weights) @ a.T, atol=1e-3)
+    labels = rng.integers(0, 7, count)
+    expected = np.stack([np.bincount(labels, row) for row in a])
+    np.testing.assert_allclose(sums_by_label(labels, a), expected, atol=1e-4)
     without_numba.setattr(products, "compiled_loops", lambda: None)
+    np.testing.assert_allclose(sums_by_label(labels, a), expected)
+    np.testing.assert_allclose(weighted_squares(a, weights), (a * weights) @ a.T, atol=1e-3)
     np.testing.assert_allclose(inner_products(a, b), a @ b.T, atol=1e-3)
     np.testing.assert_array_equal(combined(matrix, b), matrix @ b)
 

@@ -88,8 +88,13 @@ def until_lost(tracker: Tracker, index: float, seconds: float = 60.0) -> Trackin
             return result
 
 
-def test_follows_a_camera(tracker: Tracker) -> None:
-    results = [tracker.track(picture(index), CAMERA) for index in range(12)]
+@pytest.mark.parametrize("rate", [None, 30.0])
+def test_follows_a_camera(tracker: Tracker, rate: float | None) -> None:
+    """Whether it knows the times or not."""
+    times = [None if rate is None else 1e9 + index / rate for index in range(12)]
+    results = [
+        tracker.track(picture(index), CAMERA, time=seconds) for index, seconds in enumerate(times)
+    ]
     assert [result.status for result in results] == ["relocalized", *(11 * ["tracking"])]
     for index, result in enumerate(results):
         right(result, pose(index))
@@ -289,6 +294,15 @@ def test_what_cannot_be_a_frame(
     with pytest.raises(error, match=words):
         tracker.track(*arguments)  # type: ignore[arg-type]
     assert tracker.track(picture(0), CAMERA).status == "relocalized"  # it did not count
+
+
+def test_frames_of_another_size_begin_anew(tracker: Tracker) -> None:
+    tracker.track(picture(0), CAMERA)
+    small = np.ascontiguousarray(picture(1)[::4, ::4])
+    assert tracker.track(small, CAMERA.resized(60, 45)).status in {"lost", "relocalized"}
+    results = [tracker.track(picture(2), CAMERA) for _ in range(3)]
+    assert "relocalized" in [result.status for result in results]
+    right(results[-1], pose(2))
 
 
 def test_times_grow(tracker: Tracker) -> None:
