@@ -63,15 +63,14 @@ KINDS: dict[str, Callable[[UInt8Array], UInt8Array]] = {
 
 def disturb(localizer: Localizer, clips: Sequence[Clip]) -> None:
     """Prints, for each kind, what became of the spoilt frames and of those after."""
-    rows = [_row(localizer, name, change, clips) for name, change in KINDS.items()]
-    rows.append(_row(localizer, "jump to the next clip", None, clips))
+    kinds = {**KINDS, "jump to the next clip": None}
     table(
         (
             *("frames 5 to 13", "tracked", "relocalized", "lost"),
             *("worst error of those with a pose", "worst, in deviations"),
             *(f"beyond {_SIGMAS:.0f}", "frames after", "... with a pose"),
         ),
-        rows,
+        (_row(localizer, name, change, clips) for name, change in kinds.items()),
     )
 
 

@@ -17,7 +17,7 @@ from gscpe.tracking.carry import Carried
 from gscpe.tracking.check import Check
 from gscpe.tracking.follow import (
     Followed,
-    covariance_of,
+    Judge,
     doubt_about_picture,
     doubt_about_sigmas,
     follow,
@@ -31,11 +31,11 @@ _log = logging.getLogger(__name__)
 
 _LONGEST_UNSEEN = 30
 """Frames after which nothing is expected of the motion before."""
-_FIRST_LEAD = 2.0
+_FIRST_LEAD = 4.0
 """Frames that an anchor takes, before one was measured."""
 _BEYOND = 0.75
 """An anchor is asked for so much of its reach beyond where it will be needed first."""
-_MOST_FRAMES_AHEAD = 12.0
+_MOST_FRAMES_AHEAD = 10.0
 _NEWEST = 0.2
 """Weight of the last frame's time in their running mean."""
 
@@ -54,6 +54,7 @@ class Course:
         self._anchors: list[Anchor] = []
         self._next: Errand[Anchor | None] = Errand("gscpe-tracker-anchors")
         self._check = Check(localizer, settings.trust)
+        self._judge = Judge(settings)
         self._light = 1.0, 0.0
         self._lost = 0
         self._found_anew = False
@@ -135,7 +136,7 @@ class Course:
                 continue
             doubt = doubt_about_picture(found, trust, wide or self._lost > 0)
             if doubt is None:
-                covariance = covariance_of(found, frame, settings)
+                covariance = self._judge.covariance(found, frame)
                 doubt = doubt_about_sigmas(covariance, anchor, trust, self._localizer.map.frame)
                 if doubt is None:
                     return found, covariance
@@ -169,7 +170,9 @@ class Course:
             return
         motion = followed.anchor.template.motion
         speed = float(np.sqrt(step @ motion @ step))
-        ahead = min(self._lead + _BEYOND * reach / max(speed, 0.1), _MOST_FRAMES_AHEAD)
+        # In the middle of the frames that it will serve, until the one after it is ready.
+        middle = max(_BEYOND * reach / max(speed, 0.1), 0.5 * self._lead)
+        ahead = min(self._lead + middle, _MOST_FRAMES_AHEAD)
         self._ask(se3.exp(ahead * step) @ pose, frame)
 
     def _ask(self, cam_from_world: Float64Array, frame: Frame) -> None:

@@ -25,6 +25,9 @@ _DEVIATIONS = 3.0
 _BASIN = 2.0
 """Pixels that an alignment bridges in one image."""
 _TURNED_DEGREES = 5.0
+_JUDGED_EVERY = 4
+_ALIKE = 0.02
+"""Differences of correlations that are none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +136,40 @@ def covariance_of(followed: Followed, frame: Frame, settings: TrackingSettings) 
         return uncertainty.covariance
     by_focal = sigma * uncertainty.by_log_focal
     return np.asarray(uncertainty.covariance + np.outer(by_focal, by_focal))
+
+
+class Judge:
+    """Says how sure frames are.
+
+    The covariance takes as long as the alignment, and hardly changes from one frame to the next,
+    as long as they look alike: it is estimated anew where a frame fits its anchor otherwise than
+    the last one that was judged, and at least for every fourth frame and each anchor.
+    """
+
+    def __init__(self, settings: TrackingSettings) -> None:
+        self._settings = settings
+        self._last: tuple[int, Followed, Float64Array] | None = None
+
+    def covariance(self, followed: Followed, frame: Frame) -> Float64Array:
+        """As :func:`covariance_of`."""
+        if self._last is not None:
+            index, last, covariance = self._last
+            if frame.index - index < _JUDGED_EVERY and _fit_alike(followed, last):
+                return covariance
+        covariance = covariance_of(followed, frame, self._settings)
+        self._last = frame.index, followed, covariance
+        return covariance
+
+
+def _fit_alike(one: Followed, other: Followed) -> bool:
+    """Whether two frames fit the same anchor equally well."""
+    return (
+        one.anchor is other.anchor
+        and abs(one.agreement.correlation - other.agreement.correlation) < _ALIKE
+        and abs(one.agreement.alike - other.agreement.alike) < 5.0 * _ALIKE
+        and abs(one.alignment.residual / other.alignment.residual - 1.0) < 5.0 * _ALIKE
+        and abs(one.alignment.pixels / other.alignment.pixels - 1.0) < 5.0 * _ALIKE
+    )
 
 
 def doubt_about_sigmas(

@@ -53,13 +53,13 @@ class TrackingSettings:
     Attributes:
         wait: frames wait for the localizer where the camera is not known, and for the next anchor
             where the last is far. For files; a live camera must not wait.
-        scale: of the frames; 0.5 is twice as fast, and less exact.
+        scale: of the frames; see :meth:`fast`.
         levels: times the images are halved.
         template_pixels: of an anchor at full size, ...
         coarse_pixels: ... and in each smaller image, at most.
         judged_pixels: ... of these are enough for the covariance.
-        anchor_pixels: once the image has moved so far from all anchors (root mean square), the
-            next one is rendered.
+        anchor_pixels: the next anchor is rendered before the image has moved further than this from
+            all anchors (root mean square).
         farthest_pixels: beyond this, a frame waits for the next anchor if it may wait.
         anchors: so many are kept, for cameras that turn back.
         patience: frames without a pose until the localizer is asked.
@@ -76,7 +76,7 @@ class TrackingSettings:
     template_pixels: int = 20_000
     coarse_pixels: int = 5_000
     judged_pixels: int = 20_000
-    anchor_pixels: float = 12.0
+    anchor_pixels: float = 8.0
     farthest_pixels: float = 32.0
     anchors: int = 3
     patience: int = 3
@@ -97,8 +97,8 @@ class TrackingSettings:
             template_pixels=10_000,
             coarse_pixels=3_000,
             judged_pixels=10_000,
-            anchor_pixels=8.0,
-            farthest_pixels=20.0,
+            anchor_pixels=6.0,
+            farthest_pixels=24.0,
         )
 
     def __post_init__(self) -> None:
