@@ -178,9 +178,11 @@ def align(
         iterated: is told the pose, (4, 4), after each iteration.
     """
     n, unknowns = len(template.intensities), 8 if settings.gain_and_bias else 6
-    design = np.empty((n, 8), dtype=np.float32)
-    design[:, 6] = template.intensities
-    design[:, 7] = 1.0
+    design = np.empty((8, n), dtype=np.float32)
+    design[:6] = template.jacobian.T
+    design[6] = template.intensities
+    design[7] = 1.0
+    design = design[:unknowns]
     converged, iterations = False, 0
     while True:
         residuals, usable = residuals_of(template, photo, photo_from_anchor, gain, bias)
@@ -190,12 +192,12 @@ def align(
         if converged or iterations == settings.max_iterations:
             break
         weights = (tukey_weights(residuals, sigma) if settings.robust else np.float32(1.0)) * usable
-        np.multiply(template.jacobian, np.float32(gain), out=design[:, :6])
-        weighted = design[:, :unknowns] * weights[:, None]
-        hessian = (weighted.T @ design[:, :unknowns]).astype(np.float64)
-        step = _solve(hessian, (weighted.T @ residuals).astype(np.float64))
-        if step is None:
+        weighted = design * weights
+        hessian = (weighted @ design.T).astype(np.float64)
+        step = _solve(hessian, (weighted @ residuals).astype(np.float64))
+        if step is None or gain == 0.0:
             return None
+        step[:6] /= gain  # the Jacobian of the photo's values is gain times the template's
         photo_from_anchor = photo_from_anchor @ se3.exp(-step[:6])
         if settings.gain_and_bias:
             gain, bias = gain + step[6], bias + step[7]
