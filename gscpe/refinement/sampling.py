@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.arrays import BoolArray, Float32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +17,7 @@ class Corners:
 
     Attributes:
         upper_left, upper_right, lower_left, lower_right: their values.
-        right, down: how far the place lies from the upper left pixel's centre, in [0, 1);
-            float64.
+        right, down: how far the place lies from the upper left pixel's centre, in [0, 1).
         inside: whether all four are in the image, and valid.
     """
 
@@ -26,8 +25,8 @@ class Corners:
     upper_right: Float32Array
     lower_left: Float32Array
     lower_right: Float32Array
-    right: Float64Array
-    down: Float64Array
+    right: Float32Array
+    down: Float32Array
     inside: BoolArray
 
 
@@ -50,8 +49,8 @@ def corners(image: Float32Array, valid: BoolArray, u: Float32Array, v: Float32Ar
         flat[index + 1],
         flat[index + width],
         flat[index + width + 1],
-        np.asarray(column - left, dtype=np.float64),
-        np.asarray(row - top, dtype=np.float64),
+        column - left.astype(np.float32),  # exact: both are near each other
+        row - top.astype(np.float32),
         inside,
     )
 
@@ -63,9 +62,9 @@ def sample_bilinear(
     contributing pixels are valid. cv2.remap rounds to 1/32 px; this is exact."""
     at = corners(image, valid, u, v)
     a, b = at.right, at.down
-    upper = at.upper_left * (1 - a) + at.upper_right * a
-    lower = at.lower_left * (1 - a) + at.lower_right * a
-    return np.asarray(upper * (1 - b) + lower * b, dtype=np.float32), at.inside
+    upper = at.upper_left + (at.upper_right - at.upper_left) * a
+    lower = at.lower_left + (at.lower_right - at.lower_left) * a
+    return np.asarray(upper + (lower - upper) * b, dtype=np.float32), at.inside
 
 
 def gradient(image: Float32Array) -> tuple[Float32Array, Float32Array]:
