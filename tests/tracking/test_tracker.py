@@ -102,8 +102,17 @@ def test_follows_a_camera(tracker: Tracker, rate: float | None) -> None:
         assert result.anchor_age is not None
         assert 0 <= result.anchor_age <= index
         assert result.agreement > 0.6
+
+
+def test_anchors_are_rendered_on_the_way(localizer: Localizer) -> None:
+    """Frames wait for the next one before the last is 6 pixels away."""
+    settings = TrackingSettings(wait=True, anchor_pixels=4.0, farthest_pixels=6.0)
+    with Tracker(localizer, settings) as tracker:
+        results = [tracker.track(picture(index), CAMERA) for index in range(12)]
     ages = [result.anchor_age for result in results if result.anchor_age is not None]
-    assert any(later < earlier for earlier, later in pairwise(ages))  # new ones
+    assert len(ages) == 12
+    assert sum(later <= earlier for earlier, later in pairwise(ages)) >= 2
+    right(results[-1], pose(11))
 
 
 def test_measured_motion_leads_where_the_velocity_does_not(tracker: Tracker) -> None:
