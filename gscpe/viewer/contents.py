@@ -104,7 +104,7 @@ class Contents:
     @property
     def up(self) -> Float64Array:
         """(3,) unit vector."""
-        return self.axes[2]
+        return np.asarray(self.axes[2])
 
     def of_kind(self, kind: Kind) -> tuple[ShownCamera, ...]:
         """The cameras of a kind."""

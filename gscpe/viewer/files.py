@@ -45,9 +45,7 @@ def read_findings(
             )
     found = {} if poses is None else _named(poses, list(known))
     true = {} if truth is None else _named(truth, list(known or found))
-    return Findings(
-        found, known, true, {} if trajectory is None else read_trajectory(trajectory)
-    )
+    return Findings(found, known, true, {} if trajectory is None else read_trajectory(trajectory))
 
 
 def read_trajectory(path: str | Path) -> dict[float, Float64Array]:

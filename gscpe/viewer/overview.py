@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Sequence
 
 import cv2
@@ -139,11 +140,11 @@ def draw_contents(view: RenderedView, contents: Contents, sigmas: float) -> UInt
             _draw_line(picture, faint, view, circle, COLOURS["final"], 1)
     if contents.trajectory is not None:
         _draw_line(picture, faint, view, contents.trajectory.centres, TRAJECTORY, 2)
-    mixed = cv2.addWeighted(faint, _HIDDEN, picture, 1.0 - _HIDDEN, 0.0)
+    mixed = np.asarray(cv2.addWeighted(faint, _HIDDEN, picture, 1.0 - _HIDDEN, 0.0), dtype=np.uint8)
     visible = np.any(picture != _on_white(view), axis=2)
     mixed[visible] = picture[visible]
     _draw_legend(mixed, _legend(contents, sigmas))
-    return np.asarray(mixed, dtype=np.uint8)
+    return mixed
 
 
 def _on_white(view: RenderedView) -> UInt8Array:
@@ -171,7 +172,7 @@ def _draw_line(
     into ``faint``."""
     points = transform_points(view.cam_from_world, points)
     camera = view.camera
-    for begin, end in zip(points[:-1], points[1:], strict=True):
+    for begin, end in pairwise(points):
         if min(begin[2], end[2]) <= 1e-6:
             continue
         ends = np.stack([begin, end])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The splat as a browser draws it: fewer Gaussians, one colour each, and only those of a section."""
+"""The splat as a browser draws it: fewer Gaussians, one colour each, cut by a section."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ MOST_GAUSSIANS = 500_000
 """That a browser draws at several frames a second on an ordinary laptop."""
 
 _FAINTEST = 1.0 / 255.0
+_LARGEST = 6e4  # float16 ends at 65504
 _ROUGHLY = 0.003
 """Share of the Gaussians beyond either end of a section's sliders: floaters far outside."""
 
@@ -106,3 +107,18 @@ class Section:
         low = np.where(self.low <= self.limits[0], -np.inf, self.low)
         high = np.where(self.high >= self.limits[1], np.inf, self.high)
         return np.asarray(np.all((along >= low) & (along <= high), axis=1))
+
+
+def browser_unit(splat: BrowserSplat) -> float:
+    """Browser units per map unit, a power of ten: covariances are sent as float16, which knows
+    nothing below 6e-8."""
+    typical = float(np.median(np.sqrt(np.trace(splat.covariances, axis1=1, axis2=2) / 3)))
+    return float(10.0 ** np.clip(np.round(np.log10(0.1 / max(typical, 1e-9))), -3, 6))
+
+
+def scaled_covariances(splat: BrowserSplat, unit: float) -> Float32Array:
+    """Covariances, (N, 3, 3), in browser units; those beyond float16 become as large as it can
+    hold."""
+    scaled = splat.covariances * np.float32(unit**2)
+    largest = np.abs(scaled).max(axis=(1, 2), keepdims=True)
+    return np.asarray(scaled * np.minimum(1.0, _LARGEST / np.maximum(largest, 1e-30)), np.float32)
