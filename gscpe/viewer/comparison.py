@@ -11,7 +11,7 @@ import numpy as np
 
 from gscpe.arrays import UInt8Array
 from gscpe.render import RenderedView, Renderer
-from gscpe.render.pictures import difference_picture
+from gscpe.render.pictures import difference_picture, fit_light
 from gscpe.scene import to_uint8
 from gscpe.viewer.cameras import ShownCamera
 from gscpe.viewer.photos import Photos
@@ -41,12 +41,7 @@ class Comparison:
 
     def difference(self) -> UInt8Array:
         """See :func:`gscpe.render.pictures.difference_picture`; light is made alike."""
-        seen = self.view.opacity > 0.5
-        gain, bias = 1.0, 0.0
-        if np.count_nonzero(seen) > 1:
-            render, photo = self.view.rgb[seen], self.photo[seen] / np.float32(255.0)
-            gain = float(np.clip(photo.std() / max(float(render.std()), 1e-3), 0.5, 2.0))
-            bias = float(photo.mean() - gain * render.mean())
+        gain, bias = fit_light(self.photo, self.view)
         return difference_picture(self.photo, self.view, gain, bias)
 
 
