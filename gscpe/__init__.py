@@ -138,6 +138,8 @@ if TYPE_CHECKING:
     from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.reconstruction import refine_known_poses as refine_known_poses
     from gscpe.report import ReportSettings as ReportSettings
+    from gscpe.report import ShownResult as ShownResult
+    from gscpe.report import show as show
     from gscpe.sequences import Frame as Frame
     from gscpe.sequences import Frames as Frames
     from gscpe.sequences import open_frames as open_frames
@@ -164,7 +166,7 @@ else:
             *("ReconstructionSettings", "RefinedPoses", "ScaleSource", "reconstruct"),
             "refine_known_poses",
         ),
-        "gscpe.report": ("ReportSettings",),
+        "gscpe.report": ("ReportSettings", "ShownResult", "show"),
         "gscpe.sequences": ("Frame", "Frames", "open_frames"),
         "gscpe.tracking": (
             *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
@@ -267,6 +269,7 @@ __all__ = [
     "SceneRun",
     "SequenceError",
     "SettingsError",
+    "ShownResult",
     "Similarity",
     "SplatError",
     "Start",
@@ -312,6 +315,7 @@ __all__ = [
     "refine_known_poses",
     "save_map",
     "scene_from_rgbd",
+    "show",
     "to_photo",
     "with_fitting_axes",
     "write_image",

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
+from tqdm import tqdm
+
 from gscpe.batch import (
     TIMEOUT,
     Instructions,
@@ -30,7 +32,9 @@ from gscpe.cli.common import (
 from gscpe.errors import CameraError, OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer, LocalizerSettings, PosePrior
-from gscpe.scene import camera_from_exif, open_map, read_image, read_image_of
+from gscpe.localization.result import deviations_text
+from gscpe.report.comparison import compare, strip_path
+from gscpe.scene import camera_from_exif, open_map, read_image, read_image_of, write_image
 from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 
@@ -60,6 +64,11 @@ def add_parser(commands: Commands) -> None:
         help="standard deviations of the prior, or of all priors, in world units and degrees; with "
         "180 degrees, only the position is used "
         f"(default: {PosePrior.translation_sigma} {PosePrior.rotation_sigma_degrees})",
+    )
+    parser.add_argument(
+        "--pictures",
+        metavar="DIR",
+        help="write photo, render and their difference side by side, a picture a photo",
     )
     many = parser.add_argument_group("many photos")
     many.add_argument(
@@ -134,6 +143,8 @@ def run(options: argparse.Namespace) -> int:
 def _localize_photo(options: argparse.Namespace) -> int:
     camera = None if options.camera is None else Camera.parse(options.camera)
     prior = _prior(options)
+    photo = Path(options.photo)
+    _check_pictures(options.pictures, photo.parent, [photo.name])
     if camera is None:
         image = read_image(options.photo, upright=True)
     else:
@@ -156,16 +167,21 @@ def _localize_photo(options: argparse.Namespace) -> int:
             text = camera.colmap_text().replace(" ", ",")
             print(f"camera estimated: {text}", file=sys.stderr)
         result = localizer.localize(image, camera, prior)
+        details = result_details(Query(options.photo, camera), result)
+        if options.pictures is not None:
+            path = strip_path(Path(options.pictures), photo.name)
+            write_image(path, compare(details, image, camera, localizer).strip())
+            print(f"{path}: photo, render and difference", file=sys.stderr)
     if prior is not None and result.started_from == "reference":
         print("the prior led to no pose; the reference photos did", file=sys.stderr)
-    query = Query(options.photo, camera)
-    details = result_details(query, result)
     if options.json:
         print_json(details)
     elif result.localized:
-        print(details["cam_from_world"])
+        print(details["cam_from_world"], flush=True)
+        if result.covariance is not None:  # apart from the pose, which programs read
+            print(f"standard deviations: {deviations_text(result.covariance)}", file=sys.stderr)
     else:
-        print(f"{query.name}: not localized: {result.reason}", file=sys.stderr)
+        print(f"{options.photo}: not localized: {result.reason}", file=sys.stderr)
     return 0 if result.localized else 1
 
 
@@ -194,6 +210,7 @@ def _localize_queries(options: argparse.Namespace) -> int:
     details_path = Path(options.details or output.with_suffix(".details.jsonl"))
     inputs = [given for given in (options.queries, options.priors) if given is not None]
     check_outputs([output, details_path, options.coarse_output], inputs)
+    _check_pictures(options.pictures, Path(options.images), [query.name for query in queries])
     priors = _priors(options, queries)
     instructions = Instructions.of(
         options.map,
@@ -214,7 +231,47 @@ def _localize_queries(options: argparse.Namespace) -> int:
         options.resume,
         show_progress(),
     )
-    return _summarize(details, output, details_path)
+    status = _summarize(details, output, details_path)
+    if options.pictures is not None:
+        _write_pictures(options, details)
+    return status
+
+
+def _check_pictures(pictures: str | None, images: Path, names: Sequence[str]) -> None:
+    """Before any long work."""
+    if pictures is None:
+        return
+    folder = Path(pictures)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"--pictures {folder} is no folder: {error.strerror}") from error
+    for name in names:
+        if strip_path(folder, name).resolve() == (images / name).resolve():
+            raise OutputError(
+                f"--pictures {folder} would overwrite the photo {name}; give another folder"
+            )
+
+
+def _write_pictures(options: argparse.Namespace, details: Sequence[Mapping[str, Any]]) -> None:
+    """Of all photos that can be read; after the batch, whose workers have no part in it."""
+    folder, images = Path(options.pictures), Path(options.images)
+    written = 0
+    with Localizer(
+        open_map(options.map),
+        LocalizerSettings(retrieval_model=options.retrieval_model),
+        options.matcher,
+        options.backend,
+    ) as localizer:
+        bar = tqdm(details, desc="pictures", disable=not show_progress())
+        for detail in bar:
+            if detail["status"] == "failed":
+                continue
+            name, camera = str(detail["name"]), Camera.parse(str(detail["camera"]))
+            image = read_image_of(images / name, camera)
+            write_image(strip_path(folder, name), compare(detail, image, camera, localizer).strip())
+            written += 1
+    print(f"{folder}: {written} pictures of photo, render and difference", file=sys.stderr)
 
 
 def _priors(options: argparse.Namespace, queries: Sequence[Query]) -> dict[str, PosePrior]:

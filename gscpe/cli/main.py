@@ -24,6 +24,7 @@ from gscpe.cli import (
     render,
     track,
     train,
+    view,
 )
 from gscpe.cli.streams import log_to_stderr, say, usable_streams
 from gscpe.errors import GscpeError, ran_out_of_memory
@@ -41,6 +42,7 @@ _COMMANDS = (
         benchmark,
         evaluate,
         convert_poses,
+        view,
         render,
         models,
     ),

@@ -14,14 +14,14 @@ from tqdm import tqdm
 
 from gscpe.arrays import Float64Array
 from gscpe.demo.motorcycle import Motorcycle, load_motorcycle
-from gscpe.demo.pictures import ARROW_SCALE, Panel, montage, shift_picture, shifts
+from gscpe.demo.pictures import ARROW_SCALE, shift_picture, shifts
 from gscpe.errors import GscpeError, OutputError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.localization import LocalizationResult, Localizer
 from gscpe.mapping import RgbdMapSettings, map_from_rgbd
 from gscpe.matching import make_matcher
 from gscpe.render import choose_backend
-from gscpe.render.pictures import difference_picture
+from gscpe.render.pictures import Panel, difference_picture, montage
 from gscpe.scene import to_uint8, write_image
 
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import Sequence
-
 import cv2
 import numpy as np
 
@@ -19,13 +17,8 @@ ARROW_SCALE = 100
 _SPACING = 26
 _MIN_OPACITY = 0.9
 ARROW = (255, 210, 60)
-_WHITE, _BLACK = (255, 255, 255), (0, 0, 0)
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
 _SHIFT = 4
 """Binary digits behind the point in OpenCV's drawing coordinates."""
-
-Panel = tuple[str, UInt8Array, str]
-"""Title above, picture, lines of a caption at its lower edge or ""."""
 
 
 def shifts(
@@ -67,26 +60,6 @@ def shift_picture(
         cv2.circle(picture, _opencv_point(begin), 2 << _SHIFT, ARROW, -1, cv2.LINE_AA, _SHIFT)
         cv2.line(picture, _opencv_point(begin), _opencv_point(end), ARROW, 2, cv2.LINE_AA, _SHIFT)
     return picture
-
-
-def montage(rows: Sequence[Sequence[Panel]], width: int = 480) -> UInt8Array:
-    """Titled pictures in rows of equal length, each shrunk to ``width`` pixels."""
-    return np.concatenate([np.concatenate([_panel(*p, width) for p in row], 1) for row in rows])
-
-
-def _panel(title: str, picture: UInt8Array, caption: str, width: int) -> UInt8Array:
-    height = round(picture.shape[0] * width / picture.shape[1])
-    small = np.ascontiguousarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
-    lines = caption.splitlines()
-    if lines:
-        strip = small[height - 8 - 18 * len(lines) :]
-        strip[:] = (0.3 * strip).astype(np.uint8)
-    for number, line in enumerate(reversed(lines)):
-        at = (8, height - 9 - 18 * number)
-        cv2.putText(small, line, at, _FONT, 0.44, _WHITE, 1, cv2.LINE_AA)
-    bar = np.full((26, width, 3), 255, dtype=np.uint8)
-    cv2.putText(bar, title, (6, 18), _FONT, 0.46, _BLACK, 1, cv2.LINE_AA)
-    return np.concatenate([bar, np.asarray(small, dtype=np.uint8)])
 
 
 def _opencv_point(pixel: Float64Array) -> tuple[int, int]:

@@ -20,9 +20,8 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.closing import Closing
 from gscpe.errors import OutputError
 from gscpe.localization import Localizer
-from gscpe.render.pictures import UNSEEN, difference_picture
-from gscpe.render.view import RenderedView
-from gscpe.scene import Photo, to_photo, to_uint8
+from gscpe.render.pictures import UNSEEN, difference_picture, fit_light
+from gscpe.scene import to_photo, to_uint8
 from gscpe.scene.image_array import check_image
 from gscpe.scene.photo import resized_photo
 from gscpe.sequences import Frame, Frames
@@ -164,7 +163,7 @@ class Overlay(Closing):
             difference = render
         else:
             view = self._localizer.render(photo.camera, cam_from_world)
-            gain, bias = _light(photo, view)
+            gain, bias = fit_light(photo.rgb, view)
             render = to_uint8(np.asarray(gain * view.rgb + bias, dtype=np.float32))
             difference = difference_picture(photo.rgb, view, gain, bias)
         picture = np.hstack([photo.rgb, render, difference])
@@ -196,18 +195,6 @@ class Overlay(Closing):
     def close(self) -> None:
         """Deletes the pictures that were kept meanwhile."""
         self.frames.delete()
-
-
-def _light(photo: Photo, view: RenderedView) -> tuple[float, float]:
-    """Gain and bias by which the render is nearest to the photo, in least squares."""
-    seen = view.opacity > 0.5
-    if np.count_nonzero(seen) < 2:
-        return 1.0, 0.0
-    a, b = view.rgb[seen].ravel(), photo.rgb[seen].ravel() / np.float32(255.0)
-    spread = float(np.var(a))
-    gain = float(np.mean((a - a.mean()) * (b - b.mean()))) / spread if spread > 1e-6 else 1.0
-    gain = min(max(gain, 0.2), 5.0)
-    return gain, float(b.mean() - gain * a.mean())
 
 
 def _keep(file: BinaryIO, image: UInt8Array) -> None:

@@ -109,7 +109,7 @@ class LocalizationResult:
         if self.cam_from_world is not None:
             rows["qw qx qy qz tx ty tz"] = _pose_text(self.cam_from_world)
         if self.covariance is not None:
-            rows["standard deviations"] = _sigmas(self.covariance)
+            rows["standard deviations"] = deviations_text(self.covariance)
         if self.best is not None:
             rows["began at"] = f"{self.started_from} {self.reference or ''}".strip()
             rows["attempts"] = str(len(self.attempts))
@@ -154,8 +154,8 @@ class LocalizationResult:
         return None if self.best is None else self.best.start.reference
 
 
-def _sigmas(covariance: Float64Array) -> str:
-    """Standard deviations of the axes, as text."""
+def deviations_text(covariance: Float64Array) -> str:
+    """Standard deviations of a (6, 6) covariance, as text for people."""
     deviations = np.sqrt(np.diag(covariance))
     lengths, degrees = deviations[:3], np.degrees(deviations[3:])
     return (

@@ -18,10 +18,10 @@ from gscpe.localization import Localizer
 from gscpe.matching import Matcher, Matches
 from gscpe.refinement.visibility import surface_mask, visibility_mask
 from gscpe.render import RenderedView
-from gscpe.render.pictures import depth_picture, difference_picture
+from gscpe.render.pictures import depth_picture
+from gscpe.report.comparison import compare
 from gscpe.report.settings import ReportSettings
-from gscpe.scene import luminance, read_image_of, to_photo, to_uint8
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.scene import luminance, read_image_of, to_uint8
 
 GREEN, RED = (40, 200, 90), (235, 60, 50)
 _NO_SURFACE, _CONTRADICTED = (200, 40, 120), (250, 170, 0)
@@ -63,32 +63,23 @@ def draw_query(
     """
     try:
         camera = Camera.parse(str(detail["camera"]))
-        photo = localizer.at_the_maps_resolution(
-            to_photo(read_image_of(image_folder / detail["name"], camera), camera)
-        )
+        image = read_image_of(image_folder / detail["name"], camera)
+        compared = compare(detail, image, camera, localizer)
     except InputError as error:
         return QueryPictures({}, problem=str(error))
+    photo, view = compared.photo, compared.view
     pictures = {"photo": photo.rgb}
-    pose = shown_pose(detail)
-    if pose is None:
+    if view is None:
         return QueryPictures(_shrunk(pictures, settings.picture_width))
-    view = localizer.render(photo.camera, pose)
     pictures["render"] = to_uint8(view.rgb)
     trusted_pixels = None
-    if detail["status"] == "localized":
+    difference = compared.difference(settings.boost)
+    if compared.trusted and difference is not None:
         mask_settings = localizer.settings.refinement.visibility
         unit = view.tolerance_unit(localizer.map.frame.scale)
         mask = visibility_mask(localizer, view, mask_settings, unit)
         trusted_pixels = float(mask.mean())
-        aligned = detail["aligned"] or {}
-        gain, bias = aligned.get("gain"), aligned.get("bias")
-        pictures["difference"] = difference_picture(
-            photo.rgb,
-            view,
-            1.0 if gain is None else float(gain),
-            0.0 if bias is None else float(bias),
-            settings.boost,
-        )
+        pictures["difference"] = difference
         pictures["mask"] = _mask_picture(view, mask, surface_mask(view, mask_settings))
         pictures["depth"] = depth_picture(view.depth)
     pictures = _shrunk(pictures, settings.picture_width)
@@ -104,15 +95,6 @@ def draw_query(
         pictures["photo"], pictures["render"], matches, agree, scale, settings.matches
     )
     return QueryPictures(pictures, trusted_pixels, len(matches), int(np.count_nonzero(agree)))
-
-
-def shown_pose(detail: Mapping[str, Any]) -> Float64Array | None:
-    """Where a query is shown from: its final pose; where it was not localized, the last pose
-    that was found and not trusted, coarse before aligned; None where there is none."""
-    for source in (detail, detail["coarse"], detail["aligned"]):
-        if source is not None and source["cam_from_world"] is not None:
-            return parse_pose(source["cam_from_world"])
-    return None
 
 
 def _shrunk(pictures: Mapping[str, UInt8Array], width: int) -> dict[str, UInt8Array]:

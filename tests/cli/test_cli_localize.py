@@ -17,7 +17,7 @@ from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.cli.main import main
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.localization import Observer
-from gscpe.scene import save_map, write_image
+from gscpe.scene import read_image, save_map, write_image
 from gscpe.scene.orientation import inverse_orientation, swaps_sides, turned_image
 from gscpe.scene.poses.hloc import format_pose, parse_pose, read_poses
 
@@ -65,9 +65,41 @@ def test_one_photo(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photo = str(folder / "photos" / "a.png")
     status = main(["localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS])
     out, err = capsys.readouterr()
-    assert (status, err) == (0, "")
+    assert status == 0
     (pose,) = out.splitlines()
     check(parse_pose(pose), "a.png")
+    (deviations,) = err.splitlines()
+    assert deviations.startswith("standard deviations: ")
+    lengths = [float(word) for word in deviations.split()[2:5]]
+    assert all(1e-6 < length < 0.05 for length in lengths), deviations
+
+
+def test_the_picture_of_one_photo(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo = str(folder / "photos" / "a.png")
+    words = ("localize", str(folder / "room.gsmap"), photo, "--camera", CAMERA_WORDS)
+    assert main([*words, "--pictures", str(tmp_path / "new")]) == 0
+    strip = read_image(tmp_path / "new" / "a.png")
+    assert strip.shape == (26 + 180, 3 * 240, 3)
+    photo_part, render, difference = (strip[26:, 240 * i : 240 * (i + 1)] for i in range(3))
+    assert np.array_equal(photo_part, read_image(photo))
+    apart = np.abs(photo_part.astype(float) - render)
+    assert 0 < np.median(apart) < 6  # there are holes beside what the map's one photo saw
+    assert 0 < np.median(difference) < 4 * 6
+    assert "a.png: photo, render and difference" in capsys.readouterr().err
+    # The folder of the photo itself would be overwritten.
+    assert main([*words, "--pictures", str(folder / "photos")]) == 2
+    assert "would overwrite the photo a.png" in capsys.readouterr().err
+    assert np.array_equal(photo_part, read_image(photo))
+
+
+def test_the_pictures_of_a_list(folder: Path, tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    assert localize_list(folder, tmp_path / "p.txt", "--pictures", str(pictures)) == 0
+    sizes = {path.name: read_image(path).shape[1] for path in sorted(pictures.iterdir())}
+    # Of what was not recognized there is the photo alone.
+    assert sizes == {"a.png": 720, "b.png": 720, "c.png": 720, "nowhere.png": 240}
 
 
 def test_one_photo_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +134,7 @@ def test_one_photo_of_an_unknown_camera(
     arguments = ["localize", str(folder / "room.gsmap"), str(photo)]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
-    (line,) = err.splitlines()
+    line, _ = err.splitlines()
     assert line.startswith("camera estimated: PINHOLE,240,180,")
     text = line.removeprefix("camera estimated: ")
     camera = Camera.parse(text)

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is shown beside the splat: cameras, how sure they are, what was not localized, a walk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Iterator, Mapping, Sequence, TypeVar
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+from gscpe.errors import SettingsError
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.pose_error import camera_centre
+from gscpe.report.ground import choose_ground_plane
+from gscpe.scene import Map
+from gscpe.scene.map_frame import typical_depth
+from gscpe.scene.poses.hloc import parse_pose
+from gscpe.viewer.cameras import KINDS, Kind, ShownCamera
+from gscpe.viewer.ellipsoids import Ellipsoid, centre_ellipsoid
+
+_T = TypeVar("_T")
+
+MOST_CAMERAS = 400
+"""Of a kind: a browser draws each as an object of its own."""
+
+_NO_CAMERA = Camera.pinhole(640, 480, fx=525.0, fy=525.0, cx=320.0, cy=240.0)
+"""Stands in where neither details nor references know one; only a frustum's shape comes of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What is known of photos and of a walk, in the world; all may be empty.
+
+    Attributes:
+        poses: final ``cam_from_world``, (4, 4), by photo.
+        details: what ``gscpe localize`` wrote, by photo (docs/formats.md).
+        truth: true ``cam_from_world`` by photo.
+        trajectory: ``cam_from_world`` by time in seconds.
+    """
+
+    poses: Mapping[str, Float64Array] = field(default_factory=dict)
+    details: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    truth: Mapping[str, Float64Array] = field(default_factory=dict)
+    trajectory: Mapping[float, Float64Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A photo without a pose, and why it has none."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A camera's way.
+
+    Attributes:
+        times: (N,) seconds, ascending.
+        cam_from_map: (N, 4, 4).
+        camera: whose frustum is moved along it.
+    """
+
+    times: Float64Array
+    cam_from_map: Float64Array
+    camera: Camera
+
+    @property
+    def centres(self) -> Float64Array:
+        """(N, 3) camera centres in the map."""
+        return np.array([camera_centre(pose) for pose in self.cam_from_map])
+
+    def at(self, time: float) -> int:
+        """Index of the pose nearest in time."""
+        return int(np.argmin(np.abs(self.times - time)))
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """Everything that is shown beside the splat, in the map's frame.
+
+    Attributes:
+        cameras: in the order of KINDS.
+        ellipsoids: of the final poses that have a covariance.
+        refused: photos that were not localized.
+        trajectory: or None.
+        axes: (3, 3), rows: unit vectors across, along and up.
+        frustum_depth: length at which frusta are drawn, map units.
+        depth: typical depth of surfaces, map units.
+        notes: what a reader must know, a sentence each.
+    """
+
+    cameras: tuple[ShownCamera, ...]
+    ellipsoids: tuple[Ellipsoid, ...]
+    refused: tuple[Refused, ...]
+    trajectory: Trajectory | None
+    axes: Float64Array
+    frustum_depth: float
+    depth: float
+    notes: tuple[str, ...]
+
+    @property
+    def up(self) -> Float64Array:
+        """(3,) unit vector."""
+        return np.asarray(self.axes[2])
+
+    def of_kind(self, kind: Kind) -> tuple[ShownCamera, ...]:
+        """The cameras of a kind."""
+        return tuple(camera for camera in self.cameras if camera.kind == kind)
+
+    def best(self, name: str) -> ShownCamera | None:
+        """Where a photo is seen from: its final pose, or else the best that there is; its
+        reference's or true pose where no other is known."""
+        found = {camera.kind: camera for camera in self.cameras if camera.name == name}
+        order: tuple[Kind, ...] = ("final", "aligned", "coarse", "truth", "reference")
+        return next((found[kind] for kind in order if kind in found), None)
+
+    def centres(self) -> Float64Array:
+        """(N, 3) of all cameras and of the trajectory, map units; N may be 0."""
+        centres = [camera_centre(camera.cam_from_map) for camera in self.cameras]
+        if self.trajectory is not None:
+            centres += list(self.trajectory.centres)
+        return np.array(centres).reshape(-1, 3)
+
+
+def contents_of(
+    map_: Map, findings: Findings | None = None, most_cameras: int = MOST_CAMERAS
+) -> Contents:
+    """What is shown of a map and of what was found in it.
+
+    Args:
+        map_: whose references are shown.
+        findings: in the world's frame; None: nothing but the map.
+        most_cameras: that are shown of a kind; more are thinned evenly, and a note says so.
+
+    Raises:
+        SettingsError: fewer than one camera is to be shown.
+    """
+    if most_cameras < 1:
+        raise SettingsError("at least one camera of a kind must be shown")
+    findings = findings or Findings()
+    references = map_.references
+    frame = map_.frame
+    notes: list[str] = []
+    shown: list[ShownCamera] = [
+        ShownCamera("reference", references.names[i], references.cam_from_world[i], camera)
+        for i, camera in _thinned(list(enumerate(references.cameras)), most_cameras)
+    ]
+    if len(shown) < len(references):
+        notes.append(f"{len(shown)} of {len(references)} reference photos are drawn.")
+    known = dict.fromkeys([*findings.details, *findings.poses, *findings.truth])
+    names = set(_thinned(list(known), most_cameras))
+    if len(names) < len(known):
+        notes.append(f"{len(names)} of {len(known)} localized photos are drawn.")
+    fallback = references.cameras[0] if len(references) else _NO_CAMERA
+    for kind, name, cam_from_world, camera, trusted in _located(findings, fallback):
+        if name in names:
+            shown.append(
+                ShownCamera(kind, name, frame.cam_from_map(cam_from_world), camera, trusted)
+            )
+    shown.sort(key=lambda camera: KINDS.index(camera.kind))
+    final = {c.name: c.cam_from_map for c in shown if c.kind == "final"}
+    ellipsoids = [
+        centre_ellipsoid(name, pose, np.array(covariance, dtype=np.float64), frame.scale)
+        for name, pose in final.items()
+        if (covariance := findings.details.get(name, {}).get("covariance")) is not None
+    ]
+    trajectory = _trajectory(findings, map_, fallback)
+    depth = typical_depth(map_.scene, references)
+    partial = Contents(
+        cameras=tuple(shown),
+        ellipsoids=tuple(ellipsoids),
+        refused=tuple(_refused(findings)),
+        trajectory=trajectory,
+        axes=np.eye(3),
+        frustum_depth=0.0,
+        depth=depth,
+        notes=tuple(notes),
+    )
+    centres = partial.centres()
+    return Contents(
+        **{
+            **{name: getattr(partial, name) for name in partial.__dataclass_fields__},
+            "axes": _axes(partial, centres),
+            "frustum_depth": _frustum_depth(centres, depth),
+        }
+    )
+
+
+def _located(
+    findings: Findings, fallback: Camera
+) -> Iterator[tuple[Kind, str, Float64Array, Camera, bool]]:
+    """Kind, name, ``cam_from_world``, camera, and whether it is trusted, of every pose."""
+
+    def camera_of(name: str) -> Camera:
+        text = findings.details.get(name, {}).get("camera")
+        return Camera.parse(text) if isinstance(text, str) else fallback
+
+    for name, pose in findings.truth.items():
+        yield "truth", name, pose, camera_of(name), True
+    for name, detail in findings.details.items():
+        trusted = detail["status"] == "localized"
+        stages: tuple[Kind, ...] = ("coarse", "aligned")
+        for stage in stages:
+            text = (detail[stage] or {}).get("cam_from_world")
+            if text is not None:
+                yield stage, name, parse_pose(text), camera_of(name), trusted
+        if name not in findings.poses and detail["cam_from_world"] is not None:
+            yield "final", name, parse_pose(detail["cam_from_world"]), camera_of(name), True
+    for name, pose in findings.poses.items():
+        yield "final", name, pose, camera_of(name), True
+
+
+def _refused(findings: Findings) -> Iterator[Refused]:
+    for name, detail in findings.details.items():
+        if name not in findings.poses and detail["cam_from_world"] is None:
+            yield Refused(name, str(detail["reason"] or detail["status"]))
+    if findings.poses and not findings.details:
+        for name in findings.truth:
+            if name not in findings.poses:
+                yield Refused(name, "not in the poses; the details say why")
+
+
+def _trajectory(findings: Findings, map_: Map, fallback: Camera) -> Trajectory | None:
+    if not findings.trajectory:
+        return None
+    times = np.array(sorted(findings.trajectory), dtype=np.float64)
+    poses = np.stack([findings.trajectory[time] for time in times])
+    return Trajectory(times, map_.frame.cam_from_map(poses), fallback)
+
+
+def _axes(contents: Contents, centres: Float64Array) -> Float64Array:
+    """Across, along and up; of the references where there are some, else of all cameras."""
+    upright = contents.of_kind("reference") or contents.cameras
+    if not upright:
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    plane = choose_ground_plane(np.stack([c.cam_from_map for c in upright]), centres)
+    return np.vstack([plane.axes, plane.up])
+
+
+def _frustum_depth(centres: Float64Array, depth: float) -> float:
+    """Frusta neither vanish nor hide each other: about as long as cameras stand apart."""
+    low, high = 0.03 * depth, 0.12 * depth
+    if len(centres) < 2:
+        return high
+    some = np.array(_thinned(list(centres), MOST_CAMERAS))
+    apart = np.linalg.norm(some[:, None] - some[None], axis=2)
+    apart[apart < 0.2 * low] = np.inf  # the same photo, coarse and final
+    nearest = apart.min(axis=1)
+    known = nearest[np.isfinite(nearest)]
+    return float(np.clip(np.median(known), low, high)) if len(known) else high
+
+
+def _thinned(items: Sequence[_T], most: int) -> list[_T]:
+    """At most so many, evenly spread, the first and the last among them."""
+    if len(items) <= most:
+        return list(items)
+    return [items[i] for i in np.rint(np.linspace(0, len(items) - 1, most)).astype(int)]

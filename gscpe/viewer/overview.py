@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of map and cameras from behind and above, without a browser: our own render, with
+frusta, ellipsoids and the trajectory drawn into it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Sequence
+
+import cv2
+import numpy as np
+
+from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.errors import SettingsError
+from gscpe.geometry import se3
+from gscpe.geometry.camera import Camera
+from gscpe.geometry.projection import transform_points
+from gscpe.render import RenderedView, Renderer
+from gscpe.scene import Map, to_uint8
+from gscpe.viewer.cameras import (
+    COLOURS,
+    EDGES,
+    KINDS,
+    TITLES,
+    TRAJECTORY,
+    ShownCamera,
+    frustum_corners,
+)
+from gscpe.viewer.contents import Contents
+from gscpe.viewer.ellipsoids import Ellipsoid
+
+Colour = tuple[int, int, int]
+
+_ELEVATION = math.radians(35.0)
+_HALF_ANGLE = math.radians(25.0)  # of the picture's height
+_MARGIN = 0.88  # of the picture that what must be seen fills
+_BEHIND = 0.8
+"""Of the distance to the nearest camera: what lies before is not drawn, as walls of the room."""
+
+_STEP = 6.0  # pixels in which lines are drawn, each hidden or not
+_HIDDEN = 0.25  # opacity of lines behind surfaces
+_SHIFT = 4
+"""Binary digits behind the point in OpenCV's drawing coordinates."""
+
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+@dataclass(frozen=True)
+class OverviewSettings:
+    """A picture of the whole.
+
+    Attributes:
+        width, height: pixels.
+        sigmas: standard deviations at which ellipsoids are drawn.
+    """
+
+    width: int = 1280
+    height: int = 800
+    sigmas: float = 20.0
+
+    def __post_init__(self) -> None:
+        if min(self.width, self.height) < 64 or not self.sigmas > 0:
+            raise SettingsError(
+                "a picture needs at least 64x64 pixels, and a positive number of standard "
+                f"deviations, not {self.width}x{self.height} and {self.sigmas}"
+            )
+
+
+def overview(
+    map_: Map, contents: Contents, settings: OverviewSettings | None = None, backend: str = "auto"
+) -> UInt8Array:
+    """(H, W, 3) uint8: the map from behind and above its cameras, with all that is shown.
+
+    Args:
+        map_: that is rendered.
+        contents: of it.
+        settings: of the picture.
+        backend: of the renderer.
+
+    Raises:
+        RenderError, MissingDependencyError: as :class:`gscpe.Renderer`.
+    """
+    settings = settings or OverviewSettings()
+    focal = settings.height / 2 / math.tan(_HALF_ANGLE)
+    cx, cy = settings.width / 2, settings.height / 2
+    camera = Camera(settings.width, settings.height, focal, focal, cx, cy)
+    pose, near = overview_pose(contents, camera)
+    with Renderer(replace(map_.scene, near=near), backend) as renderer:
+        view = renderer.render(camera, pose)
+    return draw_contents(view, contents, settings.sigmas)
+
+
+def overview_pose(contents: Contents, camera: Camera) -> tuple[Float64Array, float]:
+    """``cam_from_map``, (4, 4), from where all cameras and what they look at are seen, and the
+    distance up to which nothing should be drawn.
+
+    It looks where the cameras look on average, from above.
+    """
+    corners = [
+        frustum_corners(shown.camera, shown.cam_from_map, contents.frustum_depth)
+        for shown in contents.cameras
+    ]
+    points = np.concatenate([*corners, contents.centres(), np.zeros((0, 3))])
+    looking = np.array([shown.cam_from_map[2, :3] for shown in contents.cameras]).reshape(-1, 3)
+    if not len(points):
+        points = np.zeros((1, 3))
+    across, along, up = contents.axes
+    ahead = looking.mean(axis=0) if len(looking) else along
+    level = ahead - (ahead @ up) * up
+    level = along if np.linalg.norm(level) < 0.2 else level / np.linalg.norm(level)
+    # What the cameras look at belongs to the picture.
+    seen = points.mean(axis=0) + 0.6 * contents.depth * np.stack([level, level + 0.4 * across])
+    forward = math.cos(_ELEVATION) * level - math.sin(_ELEVATION) * up
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    turned = np.concatenate([points, seen]) @ rotation.T
+    half = np.array([camera.width / camera.fx, camera.height / camera.fy]) / 2 * _MARGIN
+    # The nearest eye with |x - ex| <= half_x * (z - ez) for all points, and the same for y.
+    high = np.max(turned[:, :2] - half * turned[:, 2:], axis=0)
+    low = np.min(turned[:, :2] + half * turned[:, 2:], axis=0)
+    eye_z = float(np.min((low - high) / (2 * half)))
+    eye = np.array([*((high + low) / 2), eye_z])
+    pose = se3.from_rotation_translation(rotation, -eye)
+    nearest = float(np.min(transform_points(pose, points)[:, 2]))
+    return pose, max(_BEHIND * nearest, 1e-3 * contents.depth)
+
+
+def draw_contents(view: RenderedView, contents: Contents, sigmas: float) -> UInt8Array:
+    """The view with cameras, ellipsoids, trajectory and legend drawn into it, (H, W, 3) uint8;
+    what lies behind a surface is faint."""
+    picture = _on_white(view)
+    faint = picture.copy()
+    for camera in contents.cameras:
+        _draw_camera(picture, faint, view, camera, contents.frustum_depth)
+    for ellipsoid in contents.ellipsoids:
+        for circle in _circles(ellipsoid, sigmas):
+            _draw_line(picture, faint, view, circle, COLOURS["final"], 1)
+    if contents.trajectory is not None:
+        _draw_line(picture, faint, view, contents.trajectory.centres, TRAJECTORY, 2)
+    mixed = np.asarray(cv2.addWeighted(faint, _HIDDEN, picture, 1.0 - _HIDDEN, 0.0), dtype=np.uint8)
+    visible = np.any(picture != _on_white(view), axis=2)
+    mixed[visible] = picture[visible]
+    _draw_legend(mixed, _legend(contents, sigmas))
+    return mixed
+
+
+def _on_white(view: RenderedView) -> UInt8Array:
+    behind = (1.0 - view.opacity)[:, :, None]
+    return to_uint8(np.asarray(view.rgb + behind, dtype=np.float32))
+
+
+def _draw_camera(
+    picture: UInt8Array, faint: UInt8Array, view: RenderedView, shown: ShownCamera, depth: float
+) -> None:
+    corners = frustum_corners(shown.camera, shown.cam_from_map, depth)
+    for a, b in EDGES:
+        _draw_line(picture, faint, view, corners[[a, b]], COLOURS[shown.kind], 1)
+
+
+def _draw_line(
+    picture: UInt8Array,
+    faint: UInt8Array,
+    view: RenderedView,
+    points: Float64Array,
+    colour: Colour,
+    thickness: int,
+) -> None:
+    """A line through points of the map, (N, 3): where it is visible into ``picture``, all of it
+    into ``faint``."""
+    points = transform_points(view.cam_from_world, points)
+    camera = view.camera
+    for begin, end in pairwise(points):
+        if min(begin[2], end[2]) <= 1e-6:
+            continue
+        ends = np.stack([begin, end])
+        pixels = ends[:, :2] / ends[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        if np.any(np.abs(pixels) > 8 * max(camera.width, camera.height)):
+            continue
+        steps = max(1, math.ceil(float(np.linalg.norm(pixels[1] - pixels[0])) / _STEP))
+        shares = np.linspace(0.0, 1.0, steps + 1)[:, None]
+        way = (1 - shares) * pixels[0] + shares * pixels[1]
+        # Depth is the inverse of what is linear along the line in the picture.
+        depth = 1.0 / ((1 - shares) / begin[2] + shares / end[2])[:, 0]
+        for i in range(steps):
+            middle, z = (way[i] + way[i + 1]) / 2, (depth[i] + depth[i + 1]) / 2
+            for canvas in (faint, picture) if _visible(view, middle, z) else (faint,):
+                a, b = _opencv_point(way[i]), _opencv_point(way[i + 1])
+                cv2.line(canvas, a, b, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+
+def _visible(view: RenderedView, pixel: Float64Array, depth: float) -> bool:
+    """Whether no surface lies before this depth at a pixel."""
+    column, row = int(pixel[0]), int(pixel[1])
+    if not (0 <= row < view.camera.height and 0 <= column < view.camera.width):
+        return False
+    opaque = float(view.opacity[row, column]) > 0.5
+    return not opaque or depth < 1.02 * float(view.depth[row, column])
+
+
+def _circles(ellipsoid: Ellipsoid, sigmas: float) -> Sequence[Float64Array]:
+    """Its three principal ellipses, (N, 3) points each."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 25)
+    axes = se3.from_quaternion_translation(ellipsoid.quaternion, [0, 0, 0])[:3, :3]
+    stretched = axes * (sigmas * ellipsoid.radii)
+    return [
+        ellipsoid.centre
+        + np.outer(np.cos(angles), stretched[:, a])
+        + np.outer(np.sin(angles), stretched[:, b])
+        for a, b in ((0, 1), (1, 2), (0, 2))
+    ]
+
+
+def _legend(contents: Contents, sigmas: float) -> list[tuple[Colour | None, str]]:
+    lines: list[tuple[Colour | None, str]] = []
+    for kind in KINDS:
+        count = len(contents.of_kind(kind))
+        if count:
+            lines.append((COLOURS[kind], f"{TITLES[kind]}{'s' * (count != 1)}: {count}"))
+    if contents.ellipsoids:
+        text = f"{sigmas:g} standard deviations of the final positions"
+        lines.append((COLOURS["final"], text))
+    if contents.trajectory is not None:
+        lines.append((TRAJECTORY, f"trajectory: {len(contents.trajectory.times)} poses"))
+    if contents.refused:
+        lines.append((None, f"not localized: {len(contents.refused)}"))
+    return lines
+
+
+def _draw_legend(picture: UInt8Array, lines: Sequence[tuple[Colour | None, str]]) -> None:
+    if not lines:
+        return
+    line, scale = 24, 0.5
+    width = max(cv2.getTextSize(text, _FONT, scale, 1)[0][0] for _, text in lines) + 56
+    top = max(picture.shape[0] - line * len(lines) - 24, 0)
+    box = picture[top:-8, 8 : 8 + width]
+    box[:] = (0.15 * box + 0.85 * 255).astype(np.uint8)
+    for i, (colour, text) in enumerate(lines):
+        y = top + 8 + line * i + line // 2
+        if colour is not None:
+            cv2.rectangle(picture, (20, y - 6), (34, y + 6), colour, -1)
+        cv2.putText(picture, text, (44, y + 5), _FONT, scale, (30, 30, 30), 1, cv2.LINE_AA)
+
+
+def _opencv_point(pixel: Float64Array) -> tuple[int, int]:
+    """OpenCV draws the centre of the top-left pixel at (0, 0)."""
+    column, row = np.rint((pixel - 0.5) * (1 << _SHIFT)).astype(int)
+    return int(column), int(row)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The picture without a browser: what is in it, and the command that writes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import random_pose
+from scenes import ROOM_POSE, room_map
+
+from gscpe.cli.main import main
+from gscpe.errors import SettingsError
+from gscpe.geometry import Camera, se3
+from gscpe.geometry.projection import project, transform_points
+from gscpe.scene import read_image, save_map
+from gscpe.scene.poses import write_pose_file
+from gscpe.viewer import Findings, OverviewSettings, contents_of, overview
+from gscpe.viewer.cameras import COLOURS, frustum_corners
+from gscpe.viewer.overview import overview_pose
+
+POSES = {f"{i}.png": se3.exp([0.1 * i - 0.2, 0, 0.1, 0, 0.05 * i, 0]) @ ROOM_POSE for i in range(4)}
+WINDOW = Camera.pinhole(320, 200, fx=214.0, fy=214.0, cx=160.0, cy=100.0)
+
+
+def test_all_cameras_are_in_the_picture(rng: np.random.Generator) -> None:
+    for poses in (POSES, {str(i): random_pose(rng) for i in range(5)}):
+        contents = contents_of(room_map(), Findings(poses=poses))
+        pose, near = overview_pose(contents, WINDOW)
+        corners = np.concatenate(
+            [
+                frustum_corners(shown.camera, shown.cam_from_map, contents.frustum_depth)
+                for shown in contents.cameras
+            ]
+        )
+        inside = transform_points(pose, corners)
+        assert np.all(inside[:, 2] > near)
+        pixels = project(WINDOW, inside)
+        assert np.all((pixels > 0) & (pixels < (320, 200)))
+
+
+def test_what_is_known_is_drawn() -> None:
+    settings = OverviewSettings(320, 200)
+    bare = overview(room_map(), contents_of(room_map()), settings)
+    found = Findings(poses=POSES, truth={"0.png": POSES["0.png"]}, trajectory={0.0: ROOM_POSE})
+    full = overview(room_map(), contents_of(room_map(), found), settings)
+    assert full.shape == (200, 320, 3)
+
+    def pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> int:  # type: ignore[type-arg]
+        return int(np.sum(np.abs(picture.astype(int) - colour).max(axis=2) < 12))
+
+    assert pixels(full, COLOURS["final"]) > pixels(bare, COLOURS["final"]) + 50
+    assert pixels(full, COLOURS["truth"]) > pixels(bare, COLOURS["truth"]) + 20
+    assert bare[: 200 - 60].std() > 10  # the room itself
+    with pytest.raises(SettingsError):
+        OverviewSettings(10, 10)
+
+
+def test_the_command_writes_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_map(room_map(), tmp_path / "room.gsmap")
+    write_pose_file(tmp_path / "poses.txt", POSES, "hloc")
+    words = ["view", str(tmp_path / "room.gsmap"), "--poses", str(tmp_path / "poses.txt")]
+    assert main([*words, "--screenshot", str(tmp_path / "view.png")]) == 0
+    assert read_image(tmp_path / "view.png").shape == (800, 1280, 3)
+    assert "5 cameras" in capsys.readouterr().out
+    for wrong in (
+        ("--screenshot", str(tmp_path)),
+        ("--screenshot", str(tmp_path / "poses.txt")),
+        ("--truth", str(tmp_path / "missing.txt"), "--screenshot", str(tmp_path / "new.png")),
+    ):
+        assert main([*words, *wrong]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 3
+    assert not (tmp_path / "new.png").exists()

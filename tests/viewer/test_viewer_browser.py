@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real browser, which renders in software here: few Gaussians, a small window."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import time
+from pathlib import Path
+from typing import Any, Callable, Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scenes import ROOM_POSE, room, room_camera, room_map
+
+from gscpe.geometry import se3
+from gscpe.geometry.pose_error import camera_centre
+from gscpe.scene import write_image
+from gscpe.viewer import Contents, Findings, Viewer, contents_of
+from gscpe.viewer.cameras import COLOURS
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+DRIVER = shutil.which("chromedriver")
+MISSING = [name for name in ("selenium", "viser") if importlib.util.find_spec(name) is None]
+
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None or DRIVER is None, reason="Chromium is not installed"),
+    pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} not installed"),
+]
+
+CAMERA = room_camera(80, 60)
+POSE = se3.exp([0.1, -0.05, 0.3, 0.02, 0.1, 0.0]) @ ROOM_POSE
+PATIENCE = 120.0  # seconds; a loaded machine renders a frame in some of them
+
+OF_VISER = "THREE.BufferGeometry.computeBoundingSphere(): Computed radius is NaN"
+"""viser 1.1 logs this of every splat, an empty page's too."""
+
+
+@pytest.fixture(scope="module")
+def contents() -> Contents:
+    return contents_of(room_map(), Findings(poses={"query.png": POSE}, truth={"query.png": POSE}))
+
+
+@pytest.fixture(scope="module")
+def viewer(contents: Contents, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewer]:
+    folder: Path = tmp_path_factory.mktemp("photos")
+    query = next(c for c in contents.cameras if c.kind == "final")
+    write_image(folder / "query.png", room().shoot(query.camera, POSE).uint8)
+    with Viewer(room_map(), contents, [folder], name="room", most_gaussians=3000) as viewer:
+        yield viewer
+
+
+@pytest.fixture(scope="module")
+def chromium(viewer: Viewer) -> Iterator[Any]:
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(BROWSER)
+    for option in (
+        *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=720,560"),
+        *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    ):
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(DRIVER)))
+    driver.set_page_load_timeout(PATIENCE)
+    driver.set_script_timeout(PATIENCE)
+    driver.get(viewer.url)
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope="module")
+def client(viewer: Viewer, chromium: Any) -> Any:
+    """The server's view of the browser that has the page open."""
+    clients = viewer._server.get_clients
+    wait_until(lambda: bool(clients()))
+    return next(iter(clients().values()))
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < end, "it does not happen"
+        time.sleep(0.1)
+
+
+def picture(client: Any) -> NDArray[np.float64]:
+    """What the browser's canvas shows, (H, W, 3), of its present camera."""
+    return np.asarray(
+        client.get_render(150, 200, transport_format="png", timeout=PATIENCE)[..., :3], np.float64
+    )
+
+
+def near(image: NDArray[np.float64], colour: tuple[int, int, int]) -> int:
+    """Pixels of about this colour."""
+    return int(np.sum(np.abs(image - colour).max(axis=2) < 40))
+
+
+def test_splat_and_frusta_are_seen(viewer: Viewer, client: Any) -> None:
+    time.sleep(3.0)
+    seen = picture(client)
+    viewer._splat_node.visible = False
+    wait_until(lambda: near(picture(client), COLOURS["final"]) > 10)
+    without = picture(client)
+    viewer._splat_node.visible = True
+    assert np.mean(np.abs(seen - without).max(axis=2) > 20) > 0.05
+    for _, node in viewer._all_frusta():
+        node.visible = False
+    wait_until(lambda: near(picture(client), COLOURS["final"]) == 0)
+    for _, node in viewer._all_frusta():
+        node.visible = True
+
+
+def test_a_click_on_a_name_flies_there_and_lays_the_photo_over(
+    viewer: Viewer, client: Any, chromium: Any
+) -> None:
+    goal = viewer._unit * camera_centre(POSE)
+    assert np.linalg.norm(client.camera.position - goal) > 0.1 * viewer._unit
+    (field,) = [
+        each
+        for each in chromium.find_elements("css selector", "input")
+        if each.get_attribute("value") == "\N{EM DASH}" and each.is_displayed()
+    ][:1]
+    chromium.execute_script("arguments[0].scrollIntoView()", field)
+    field.click()
+    options = "//*[@role='option'][contains(., 'query.png')]"
+    wait_until(lambda: bool(chromium.find_elements("xpath", options)))
+    chromium.execute_script("arguments[0].click()", chromium.find_element("xpath", options))
+    wait_until(lambda: bool(np.linalg.norm(client.camera.position - goal) < 1e-3 * viewer._unit))
+    wait_until(lambda: viewer._overlay is not None)
+    assert "query.png" in viewer._about.content
+
+
+def test_a_click_on_a_frustum_flies_there(viewer: Viewer, client: Any) -> None:
+    """As the browser tells of it: where pixels are depends on its window."""
+    reference = viewer._contents.of_kind("reference")[0]
+    viewer._go(client, reference)
+    goal = viewer._unit * camera_centre(reference.cam_from_map)
+    wait_until(lambda: bool(np.linalg.norm(client.camera.position - goal) < 1e-3 * viewer._unit))
+
+
+def test_a_section_leaves_fewer_gaussians(viewer: Viewer, client: Any) -> None:
+    whole = len(viewer._splat_node.buffer)
+    low, high = viewer._section.limits
+    viewer._sliders[2].value = (float(low[2]), float((low[2] + high[2]) / 2))
+    viewer._cut()
+    assert 0 < len(viewer._splat_node.buffer) < whole
+
+
+def test_the_browser_has_no_complaints(chromium: Any, client: Any) -> None:
+    log = chromium.get_log("browser")
+    complaints = [entry["message"] for entry in log if entry["level"] == "SEVERE"]
+    assert [text for text in complaints if OF_VISER not in text] == []
