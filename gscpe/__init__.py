@@ -37,6 +37,7 @@ from gscpe.errors import (
     ReconstructionError,
     RenderError,
     SequenceError,
+    ServiceError,
     SettingsError,
     SplatError,
     TrainingError,
@@ -141,6 +142,7 @@ if TYPE_CHECKING:
     from gscpe.sequences import Frame as Frame
     from gscpe.sequences import Frames as Frames
     from gscpe.sequences import open_frames as open_frames
+    from gscpe.service import Client as Client
     from gscpe.tracking import Motion as Motion
     from gscpe.tracking import Tracker as Tracker
     from gscpe.tracking import TrackingResult as TrackingResult
@@ -166,6 +168,7 @@ else:
         ),
         "gscpe.report": ("ReportSettings",),
         "gscpe.sequences": ("Frame", "Frames", "open_frames"),
+        "gscpe.service": ("Client",),
         "gscpe.tracking": (
             *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
         ),
@@ -196,6 +199,7 @@ __all__ = [
     "CertificateSettings",
     "CertifiedPhoto",
     "CheckedReference",
+    "Client",
     "ClippingSettings",
     "ClosedError",
     "CoarseObserver",
@@ -266,6 +270,7 @@ __all__ = [
     "ScaleSource",
     "SceneRun",
     "SequenceError",
+    "ServiceError",
     "SettingsError",
     "Similarity",
     "SplatError",

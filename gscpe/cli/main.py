@@ -22,6 +22,7 @@ from gscpe.cli import (
     models,
     reconstruct,
     render,
+    serve,
     track,
     train,
 )
@@ -42,6 +43,7 @@ _COMMANDS = (
         evaluate,
         convert_poses,
         render,
+        serve,
         models,
     ),
     doctor,

@@ -3,5 +3,6 @@
 
 from gscpe.report.page import write_report
 from gscpe.report.settings import ReportSettings
+from gscpe.report.top_view import map_from_above
 
-__all__ = ["ReportSettings", "write_report"]
+__all__ = ["ReportSettings", "map_from_above", "write_report"]
