@@ -160,7 +160,7 @@ class ProcessPool(Closing):
             waiting |= {worker.pipe: worker, worker.sentinel: worker}
         patience = min([patience, *(worker.seconds_left() for worker in self.workers)])
         found = wait(list(waiting), None if math.isinf(patience) else max(0.0, patience))
-        heard = dict.fromkeys(worker for each in found if (worker := waiting[each]) is not None)
+        heard = dict.fromkeys(who for each in found if (who := waiting[each]) is not None)
         messages: list[tuple[ProcessWorker, Message | None]] = []
         for worker in heard:
             message = worker.receive()

@@ -10,8 +10,8 @@ from gscpe.errors import PhotoError, SettingsError
 from gscpe.scene.image_file import heic_photo, is_heic
 from gscpe.service.problem import ProblemError, too_large
 
-FORMATS = ("JPEG", "MPO", "PNG", "WEBP")
-"""Of Pillow; MPO is a JPEG of two pictures, as some phones write it. HEIC is read as well."""
+FORMATS = ("JPEG", "PNG", "WEBP")
+"""Of Pillow; HEIC is read as well."""
 
 
 @dataclass(frozen=True)
