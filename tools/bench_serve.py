@@ -7,10 +7,10 @@ Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_serve.py kitchen.gsmap [--re
 
 A batch (gscpe.batch, as many workers) and the service take turns with the same photos, so that
 whatever else the machine does falls on both; starting them is not counted. Every answer of the
-service is compared with the batch's, digit by digit. Then the service gets the rest of the requests,
-and its memory (the resident sets of all its processes, from /proc) is read on the way; then requests
-with random bytes in random places. The exit status is 0 if nothing was lost or mixed up, and nothing
-failed.
+service is compared with the batch's, digit by digit. Then the service gets the rest of the
+requests, and its memory (the resident sets of all its processes, from /proc) is read on the way;
+then requests with random bytes in random places. The exit status is 0 if nothing was lost or mixed
+up, and nothing failed.
 """
 
 from __future__ import annotations

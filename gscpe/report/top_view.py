@@ -18,6 +18,7 @@ from gscpe.report.ground import GroundPlane, choose_ground_plane, density_pictur
 from gscpe.report.settings import ReportSettings
 from gscpe.report.svg import element, round_down
 from gscpe.scene import Map
+from gscpe.scene.map_frame import typical_depth
 
 _T = TypeVar("_T")
 
@@ -28,6 +29,9 @@ _FARTHEST = 0.4
 
 _LEAST = 0.2
 """... or times the extent of the Gaussians: cameras on one spot need something around them."""
+
+_REACH = 1.5
+"""Times the typical depth: what cameras look at is shown in a map on its own."""
 
 _ERROR_LENGTH = 0.06
 """Of the picture's width: how long the 90% quantile of the errors is drawn."""
@@ -150,7 +154,8 @@ def map_from_above(map_: Map, marks: int = 400) -> dict[str, Any]:
     some = means[:: max(1, len(means) // 1000)]
     centres = np.array([camera_centre(pose) for pose in poses]) if len(poses) else some
     plane = choose_ground_plane(poses, centres)
-    frame = _frame(plane.flat(centres), plane.flat(means))
+    reach = _REACH * typical_depth(map_.scene, map_.references)
+    frame = _frame(plane.flat(centres), plane.flat(means), reach)
     ceiling = float(np.max(centres @ plane.up))
     layers = [_density(map_, plane, frame, ceiling)]
     drawn = _thinned(list(poses), marks)
@@ -208,11 +213,14 @@ def _caption(why: str, counts: str, factor: float, known: bool) -> list[str]:
     return sentences
 
 
-def _frame(cameras: Float64Array, gaussians: Float64Array) -> _Frame:
-    """Holds all cameras, and most of the Gaussians where they do not lie too far away."""
+def _frame(cameras: Float64Array, gaussians: Float64Array, reach: float = 0.0) -> _Frame:
+    """Holds all cameras, and most of the Gaussians where they do not lie too far away: beyond the
+    reach, and more than in proportion to the cameras."""
     low, high = cameras.min(axis=0), cameras.max(axis=0)
     inner, outer = np.quantile(gaussians, [0.03, 0.97], axis=0)
-    added = max(_FARTHEST * float(np.max(high - low)), _LEAST * float(np.max(outer - inner)), 1e-3)
+    added = max(
+        _FARTHEST * float(np.max(high - low)), _LEAST * float(np.max(outer - inner)), reach, 1e-3
+    )
     low = np.minimum(low, np.maximum(inner, low - added))
     high = np.maximum(high, np.minimum(outer, high + added))
     margin = _MARGIN * float(np.max(high - low))

@@ -7,9 +7,10 @@ from __future__ import annotations
 import asyncio
 import math
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Callable, TypeVar
 
 from gscpe.batch.one_photo import OnePhoto
 from gscpe.batch.processes import Answer, ProcessWorker, Ready, Talk
@@ -21,6 +22,8 @@ from gscpe.scene.poses.hloc import format_pose
 from gscpe.service.limits import Limits, check_photo
 from gscpe.service.problem import ProblemError, problem_of
 from gscpe.tracking import Tracker, TrackingResult
+
+_T = TypeVar("_T")
 
 _LIVES = 2
 """Trackers that may die in one connection."""
@@ -98,6 +101,8 @@ class TrackerProcess:
         self._limits, self._threads = limits, threads
         self._worker: ProcessWorker | None = None
         self._lives = _LIVES
+        # Of its own: many that wait would leave no thread of asyncio's to others.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="gscpe-tracker")
 
     async def ask(self, job: FrameJob) -> dict[str, Any]:
         """What is known of a frame.
@@ -105,7 +110,7 @@ class TrackerProcess:
         Raises:
             ConnectionError: the trackers die.
         """
-        return await asyncio.to_thread(self._ask, job)
+        return await self._in_thread(partial(self._ask, job))
 
     async def open(self) -> None:
         """Starts it.
@@ -113,7 +118,15 @@ class TrackerProcess:
         Raises:
             ConnectionError: it does not start.
         """
-        await asyncio.to_thread(self._opened)
+        await self._in_thread(self._opened)
+
+    async def end(self) -> None:
+        """Ends it, whatever it does."""
+        await asyncio.to_thread(self.close)
+        self._thread.shutdown(wait=False)
+
+    async def _in_thread(self, work: Callable[[], _T]) -> _T:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
     def _opened(self) -> ProcessWorker:
         if self._worker is None:

@@ -98,7 +98,7 @@ async def _follow(service: Service, socket: WebSocket, map_: str, camera: Camera
         if not receiver.cancelled() and receiver.done():
             receiver.result()  # what was wrong with a message
     finally:
-        await asyncio.to_thread(process.close)
+        await process.end()
 
 
 async def _receive(socket: WebSocket, latest: LatestFrame) -> None:
