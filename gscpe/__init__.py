@@ -37,6 +37,7 @@ from gscpe.errors import (
     ReconstructionError,
     RenderError,
     SequenceError,
+    ServiceError,
     SettingsError,
     SplatError,
     TrainingError,
@@ -143,6 +144,7 @@ if TYPE_CHECKING:
     from gscpe.sequences import Frame as Frame
     from gscpe.sequences import Frames as Frames
     from gscpe.sequences import open_frames as open_frames
+    from gscpe.service import Client as Client
     from gscpe.tracking import Motion as Motion
     from gscpe.tracking import Tracker as Tracker
     from gscpe.tracking import TrackingResult as TrackingResult
@@ -168,6 +170,7 @@ else:
         ),
         "gscpe.report": ("ReportSettings", "ShownResult", "show"),
         "gscpe.sequences": ("Frame", "Frames", "open_frames"),
+        "gscpe.service": ("Client",),
         "gscpe.tracking": (
             *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
         ),
@@ -198,6 +201,7 @@ __all__ = [
     "CertificateSettings",
     "CertifiedPhoto",
     "CheckedReference",
+    "Client",
     "ClippingSettings",
     "ClosedError",
     "CoarseObserver",
@@ -268,6 +272,7 @@ __all__ = [
     "ScaleSource",
     "SceneRun",
     "SequenceError",
+    "ServiceError",
     "SettingsError",
     "ShownResult",
     "Similarity",

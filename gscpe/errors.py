@@ -93,6 +93,10 @@ class WorkerError(GscpeError):
     """Workers cannot be started or reached, or they die without having done anything."""
 
 
+class ServiceError(GscpeError):
+    """A service (``gscpe serve``) cannot be reached, is busy, or failed."""
+
+
 def ran_out_of_memory(error: BaseException | None) -> bool:
     """Whether an error came of a want of memory: a MemoryError, what the system, OpenCV or Python's
     threads raise in place of one, or a typed error whose cause was one of these."""

@@ -5,6 +5,7 @@ from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details, result_details
 from gscpe.batch.instructions import TIMEOUT, Fingerprint, Instructions
+from gscpe.batch.one_photo import OnePhoto, OneResult, localize_one
 from gscpe.batch.priors import read_priors
 from gscpe.batch.record import keep_a_copy, localize_list, localize_with
 from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, write_poses
@@ -16,6 +17,8 @@ __all__ = [
     "Fingerprint",
     "Instructions",
     "ListFiles",
+    "OnePhoto",
+    "OneResult",
     "SerialCrew",
     "TIMEOUT",
     "Worker",
@@ -23,6 +26,7 @@ __all__ = [
     "choose_workers",
     "keep_a_copy",
     "localize_list",
+    "localize_one",
     "localize_to_files",
     "localize_with",
     "make_crew",

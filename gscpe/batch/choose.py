@@ -19,7 +19,7 @@ _PHOTOS_A_WORKER = 8
 """Fewer than these are localized in the time that one more worker takes to start."""
 
 _BYTES = 500_000_000
-_BYTES_A_GAUSSIAN = 1000
+BYTES_A_GAUSSIAN = 1000
 """Memory of a worker on the CPU, rounded up from what tools/bench_batch.py measures."""
 
 
@@ -82,7 +82,7 @@ def choose_workers(instructions: Instructions, queries: int) -> int:
     free = _free_memory()
     if free is None:
         return most
-    return max(1, min(most, free // (_BYTES + _BYTES_A_GAUSSIAN * gaussians)))
+    return max(1, min(most, free // (_BYTES + BYTES_A_GAUSSIAN * gaussians)))
 
 
 def _free_memory() -> int | None:

@@ -76,6 +76,10 @@ class Worker(Closing):
         """What renders."""
         return self._localizer.renderer_description
 
+    def work(self, job: Query, talk: object = None) -> Detail:
+        """As :meth:`localize`: a job of gscpe.batch.processes."""
+        return self.localize(job)
+
     def localize(self, query: Query) -> Detail:
         """The query's detail; a photo that cannot be used has the status ``failed``.
 

@@ -49,7 +49,7 @@ def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
     who.add_argument(
         "--workers",
         metavar="N",
-        type=_positive,
+        type=positive,
         help="number of worker processes, which share the cores (default: chosen for this machine)",
     )
     who.add_argument(
@@ -65,13 +65,14 @@ def add_timeout(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
     parser.add_argument(
         "--timeout",
         metavar="SECONDS",
-        type=_positive,
+        type=positive,
         help="a worker that needs longer for one photo is replaced, and the photo counts as "
         f"failed (default: {TIMEOUT:g}; not with one worker)",
     )
 
 
-def _positive(text: str) -> int:
+def positive(text: str) -> int:
+    """A whole number above 0, for argparse."""
     if not (text.isdecimal() and int(text)):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return int(text)

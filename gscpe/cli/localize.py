@@ -14,10 +14,11 @@ from gscpe.batch import (
     TIMEOUT,
     Instructions,
     ListFiles,
+    OnePhoto,
     check_outputs,
+    localize_one,
     localize_to_files,
     read_priors,
-    result_details,
 )
 from gscpe.cli.common import (
     CAMERA_HELP,
@@ -29,12 +30,13 @@ from gscpe.cli.common import (
     print_json,
     show_progress,
 )
-from gscpe.errors import CameraError, OutputError, QueryListError
+from gscpe.errors import OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer, LocalizerSettings, PosePrior
 from gscpe.localization.result import deviations_text
 from gscpe.report.comparison import compare, strip_path
-from gscpe.scene import camera_from_exif, open_map, read_image, read_image_of, write_image
+from gscpe.scene import open_map, read_image_of, write_image
+from gscpe.scene.image_file import photo_bytes
 from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 
@@ -143,12 +145,9 @@ def run(options: argparse.Namespace) -> int:
 def _localize_photo(options: argparse.Namespace) -> int:
     camera = None if options.camera is None else Camera.parse(options.camera)
     prior = _prior(options)
-    photo = Path(options.photo)
-    _check_pictures(options.pictures, photo.parent, [photo.name])
-    if camera is None:
-        image = read_image(options.photo, upright=True)
-    else:
-        image = read_image_of(options.photo, camera)
+    path = Path(options.photo)
+    _check_pictures(options.pictures, path.parent, [path.name])
+    photo = OnePhoto.decode(photo_bytes(options.photo), options.photo, camera)
     with Localizer(
         open_map(options.map),
         LocalizerSettings(retrieval_model=options.retrieval_model),
@@ -156,33 +155,28 @@ def _localize_photo(options: argparse.Namespace) -> int:
         options.backend,
         show_progress(),
     ) as localizer:
-        if camera is None:
-            try:
-                camera = localizer.estimate_camera(
-                    image, camera_from_exif(options.photo, upright=True)
-                )
-            except CameraError as error:  # as if the photo were not recognized
-                print(f"{options.photo}: not localized: {error}", file=sys.stderr)
-                return 1
-            text = camera.colmap_text().replace(" ", ",")
-            print(f"camera estimated: {text}", file=sys.stderr)
-        result = localizer.localize(image, camera, prior)
-        details = result_details(Query(options.photo, camera), result)
-        if options.pictures is not None:
-            path = strip_path(Path(options.pictures), photo.name)
-            write_image(path, compare(details, image, camera, localizer).strip())
-            print(f"{path}: photo, render and difference", file=sys.stderr)
-    if prior is not None and result.started_from == "reference":
+        found = localize_one(localizer, photo, prior)
+        details = found.as_json()
+        if options.pictures is not None and found.camera is not None:
+            strip = strip_path(Path(options.pictures), path.name)
+            write_image(strip, compare(details, photo.image, found.camera, localizer).strip())
+            print(f"{strip}: photo, render and difference", file=sys.stderr)
+    if camera is None and found.camera is not None:
+        text = found.camera.colmap_text().replace(" ", ",")
+        print(f"camera estimated: {text}", file=sys.stderr)
+    if prior is not None and details["started_from"] == "reference":
         print("the prior led to no pose; the reference photos did", file=sys.stderr)
     if options.json:
         print_json(details)
-    elif result.localized:
+    elif found.localized:
         print(details["cam_from_world"], flush=True)
-        if result.covariance is not None:  # apart from the pose, which programs read
-            print(f"standard deviations: {deviations_text(result.covariance)}", file=sys.stderr)
+        if found.result is not None and found.result.covariance is not None:
+            # apart from the pose, which programs read
+            deviations = deviations_text(found.result.covariance)
+            print(f"standard deviations: {deviations}", file=sys.stderr)
     else:
-        print(f"{options.photo}: not localized: {result.reason}", file=sys.stderr)
-    return 0 if result.localized else 1
+        print(f"{found.name}: not localized: {found.reason}", file=sys.stderr)
+    return 0 if found.localized else 1
 
 
 def _prior(options: argparse.Namespace) -> PosePrior | None:

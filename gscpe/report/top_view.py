@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Iterable, Mapping, Sequence, TypeVar
+from typing import Any, Iterable, Mapping, Sequence, TypeVar
 
 import numpy as np
 from markupsafe import Markup
@@ -14,10 +14,11 @@ from gscpe.evaluation import SceneRun
 from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import PoseDifference, camera_centre
 from gscpe.report.encode import data_uri
-from gscpe.report.ground import choose_ground_plane, density_picture
+from gscpe.report.ground import GroundPlane, choose_ground_plane, density_picture
 from gscpe.report.settings import ReportSettings
 from gscpe.report.svg import element, round_down
 from gscpe.scene import Map
+from gscpe.scene.map_frame import typical_depth
 
 _T = TypeVar("_T")
 
@@ -28,6 +29,9 @@ _FARTHEST = 0.4
 
 _LEAST = 0.2
 """... or times the extent of the Gaussians: cameras on one spot need something around them."""
+
+_REACH = 1.5
+"""Times the typical depth: what cameras look at is shown in a map on its own."""
 
 _ERROR_LENGTH = 0.06
 """Of the picture's width: how long the 90% quantile of the errors is drawn."""
@@ -102,16 +106,7 @@ def top_view(
         return ahead * (1.0, -1.0)
 
     ceiling = float(np.max(centres @ plane.up))
-    picture = density_picture(map_.scene, plane, frame.low, frame.high, ceiling)
-    layers = [
-        element(
-            "image",
-            href=data_uri(picture, _QUALITY),
-            x=0, y=0, width=_WIDTH, height=frame.height,
-            preserveAspectRatio="none",
-            class_="density",
-        )
-    ]  # fmt: skip
+    layers = [_density(map_, plane, frame, ceiling)]
     if references:
         layers.append(_cameras(at(references), looking(references), "reference"))
     known = [n for n in drawn if n in truth]
@@ -138,16 +133,70 @@ def top_view(
         f"{len(references)} reference photo{'s' * (len(references) != 1)} and "
         f"{len(drawn)} {'query' if len(drawn) == 1 else 'queries'}"
     )
-    drawing = element(
+    drawing = _drawing(layers, frame, f"The map from above with {counts}.")
+    legend = _legend(bool(known), bool(unknown), bool(references))
+    return TopView(drawing, legend, "".join(_caption(plane.why, counts, factor, bool(known))))
+
+
+def map_from_above(map_: Map, marks: int = 400) -> dict[str, Any]:
+    """A map and its reference photos, for pages that add cameras of their own; plain data.
+
+    Args:
+        map_: references and Gaussians.
+        marks: references that are drawn at most.
+
+    Returns:
+        ``drawing``: text of an ``svg`` element; ``width`` and ``height`` of its view box;
+        ``pixel_from_world``: (2, 4), from homogeneous world points to its pixels; ``caption``.
+    """
+    poses = map_.references.cam_from_world.reshape(-1, 4, 4)
+    means = map_.scene.means.astype(np.float64)
+    some = means[:: max(1, len(means) // 1000)]
+    centres = np.array([camera_centre(pose) for pose in poses]) if len(poses) else some
+    plane = choose_ground_plane(poses, centres)
+    reach = _REACH * typical_depth(map_.scene, map_.references)
+    frame = _frame(plane.flat(centres), plane.flat(means), reach)
+    ceiling = float(np.max(centres @ plane.up))
+    layers = [_density(map_, plane, frame, ceiling)]
+    drawn = _thinned(list(poses), marks)
+    if drawn:
+        at = frame.at(plane.flat(np.array([camera_centre(pose) for pose in drawn])))
+        ahead = plane.flat(np.array([pose[2, :3] for pose in drawn])) * (1.0, -1.0)
+        layers.append(_cameras(at, ahead, "reference"))
+    if map_.metres_per_unit is not None:  # a map's frame is in metres then
+        layers.append(_scale_bar(frame, 1.0))
+    # x_map = scale * (x_world - origin)
+    flat = map_.frame.scale * np.column_stack([plane.axes, -plane.axes @ map_.frame.origin])
+    flat[:, 3] -= (frame.low[0], frame.high[1])
+    return {
+        "drawing": str(_drawing(layers, frame, f"The map with {len(poses)} reference photos.")),
+        "width": _WIDTH,
+        "height": frame.height,
+        "pixel_from_world": (np.diag([frame.scale, -frame.scale]) @ flat).tolist(),
+        "caption": plane.why,
+    }
+
+
+def _density(map_: Map, plane: GroundPlane, frame: _Frame, ceiling: float) -> Markup:
+    picture = density_picture(map_.scene, plane, frame.low, frame.high, ceiling)
+    return element(
+        "image",
+        href=data_uri(picture, _QUALITY),
+        x=0, y=0, width=_WIDTH, height=frame.height,
+        preserveAspectRatio="none",
+        class_="density",
+    )  # fmt: skip
+
+
+def _drawing(layers: Sequence[Markup], frame: _Frame, label: str) -> Markup:
+    return element(
         "svg",
         *layers,
         class_="plot above",
         viewBox=f"0 0 {_WIDTH:g} {frame.height:.1f}",
         role="img",
-        aria_label=f"The map from above with {counts}.",
+        aria_label=label,
     )
-    legend = _legend(bool(known), bool(unknown), bool(references))
-    return TopView(drawing, legend, "".join(_caption(plane.why, counts, factor, bool(known))))
 
 
 def _caption(why: str, counts: str, factor: float, known: bool) -> list[str]:
@@ -164,11 +213,14 @@ def _caption(why: str, counts: str, factor: float, known: bool) -> list[str]:
     return sentences
 
 
-def _frame(cameras: Float64Array, gaussians: Float64Array) -> _Frame:
-    """Holds all cameras, and most of the Gaussians where they do not lie too far away."""
+def _frame(cameras: Float64Array, gaussians: Float64Array, reach: float = 0.0) -> _Frame:
+    """Holds all cameras, and most of the Gaussians where they do not lie too far away: beyond the
+    reach, and more than in proportion to the cameras."""
     low, high = cameras.min(axis=0), cameras.max(axis=0)
     inner, outer = np.quantile(gaussians, [0.03, 0.97], axis=0)
-    added = max(_FARTHEST * float(np.max(high - low)), _LEAST * float(np.max(outer - inner)), 1e-3)
+    added = max(
+        _FARTHEST * float(np.max(high - low)), _LEAST * float(np.max(outer - inner)), reach, 1e-3
+    )
     low = np.minimum(low, np.maximum(inner, low - added))
     high = np.maximum(high, np.minimum(outer, high + added))
     margin = _MARGIN * float(np.max(high - low))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from gscpe.errors import PhotoError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.image_file import heic_photo, is_heic
+from gscpe.scene.image_file import heic_photo, is_heic, photo_bytes
 from gscpe.scene.orientation import exif_orientation, turned_camera
 
 _EXIF_BLOCK, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
@@ -32,7 +33,12 @@ def camera_from_exif(path: str | Path, upright: bool = False) -> Camera | None:
     Raises:
         PhotoError: the file is missing or is not an image.
     """
-    (width, height), exif = _size_and_exif(Path(path))
+    return exif_camera(photo_bytes(path), path, upright)
+
+
+def exif_camera(data: bytes, name: str | Path, upright: bool = False) -> Camera | None:
+    """As :func:`camera_from_exif`, of the bytes of a file; ``name`` is what messages call it."""
+    (width, height), exif = _size_and_exif(data, name)
     try:
         equivalent = exif.get_ifd(_EXIF_BLOCK).get(_FOCAL_LENGTH_35MM)
         millimetres = float(equivalent) if equivalent is not None else 0.0
@@ -42,7 +48,7 @@ def camera_from_exif(path: str | Path, upright: bool = False) -> Camera | None:
         return None
     focal = millimetres * float(np.hypot(width, height)) / _DIAGONAL_35MM
     camera = Camera.pinhole(width, height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
-    return turned_camera(camera, exif_orientation(path)) if upright else camera
+    return turned_camera(camera, exif_orientation(data)) if upright else camera
 
 
 def exif_of(path: Path) -> Any:
@@ -51,23 +57,21 @@ def exif_of(path: Path) -> Any:
     Raises:
         PhotoError: the file is missing or is not an image.
     """
-    return _size_and_exif(path)[1]
+    return _size_and_exif(photo_bytes(path), path)[1]
 
 
-def _size_and_exif(path: Path) -> tuple[tuple[int, int], Any]:
+def _size_and_exif(data: bytes, name: str | Path) -> tuple[tuple[int, int], Any]:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with path.open("rb") as file:
-            start = file.read(1024)
-        if is_heic(start):
-            photo, exif = heic_photo(path.read_bytes(), path), Image.Exif()
+        if is_heic(data):
+            photo, exif = heic_photo(data, name), Image.Exif()
             exif.load(photo.info.get("exif") or b"")
             return photo.size, exif
-        with Image.open(path) as image:
+        with Image.open(BytesIO(data)) as image:
             return image.size, image.getexif()
     except (
         *(OSError, UnidentifiedImageError, SyntaxError, ValueError),
         Image.DecompressionBombError,
     ) as error:
-        raise PhotoError(f"{path} is not an image that can be decoded: {error}") from error
+        raise PhotoError(f"{name} is not an image that can be decoded: {error}") from error

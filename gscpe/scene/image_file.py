@@ -38,16 +38,28 @@ def read_image(path: str | Path, upright: bool = False) -> UInt8Array:
     """
     if not isinstance(path, str | Path):
         raise PhotoError(f"read_image needs the path of an image file, not a {type(path).__name__}")
-    path = Path(path)
+    return decode_image(photo_bytes(path), path, upright)
+
+
+def photo_bytes(path: str | Path) -> bytes:
+    """The bytes of a photo's file.
+
+    Raises:
+        PhotoError: it is missing, or cannot be read.
+    """
     try:
-        data = path.read_bytes()
+        return Path(path).read_bytes()
     except OSError as error:
         raise PhotoError(f"photo {path} cannot be read: {error.strerror}") from error
-    stored = _heic(data, path) if is_heic(data) else _decoded(data)
+
+
+def decode_image(data: bytes, name: str | Path, upright: bool = False) -> UInt8Array:
+    """As :func:`read_image`, of the bytes of a file; ``name`` is what messages call it."""
+    stored = _heic(data, name) if is_heic(data) else _decoded(data)
     if stored is None or stored.size == 0:
-        raise PhotoError(f"{path} is not an image that can be decoded; expected JPEG, PNG, ...")
-    image = _rgb_or_rgba(stored, data, path)
-    return turned_image(image, exif_orientation(path)) if upright else image
+        raise PhotoError(f"{name} is not an image that can be decoded; expected JPEG, PNG, ...")
+    image = _rgb_or_rgba(stored, data, name)
+    return turned_image(image, exif_orientation(data)) if upright else image
 
 
 def read_image_of(path: str | Path, camera: Camera) -> UInt8Array:
@@ -58,21 +70,28 @@ def read_image_of(path: str | Path, camera: Camera) -> UInt8Array:
         PhotoError: as :func:`read_image`.
         CameraError: the camera has neither size. The message names the photo.
     """
-    image = read_image(path)
+    if not isinstance(path, str | Path):
+        raise PhotoError(f"a photo is read from its path, not from a {type(path).__name__}")
+    return decode_image_of(photo_bytes(path), path, camera)
+
+
+def decode_image_of(data: bytes, name: str | Path, camera: Camera) -> UInt8Array:
+    """As :func:`read_image_of`, of the bytes of a file; ``name`` is what messages call it."""
+    image = decode_image(data, name)
     height, width = image.shape[:2]
     if (width, height) == (camera.width, camera.height):
         return image
-    orientation = exif_orientation(path)
+    orientation = exif_orientation(data)
     turned = (width, height) == (camera.height, camera.width)
     if turned and swaps_sides(orientation):
         return turned_image(image, orientation)
     if turned:
         raise CameraError(
-            f"{path} is {width}x{height}, but its camera is {camera.width}x{camera.height}, "
+            f"{name} is {width}x{height}, but its camera is {camera.width}x{camera.height}, "
             "which fits the photo turned by 90 degrees (its EXIF data does not say that it is "
             "turned): give the camera of the stored pixels, or turn the photo"
         )
-    camera.check_fits(image.shape, str(path))
+    camera.check_fits(image.shape, str(name))
     return image
 
 
@@ -85,7 +104,7 @@ def is_heic(data: bytes) -> bool:
     return bool(brands & _HEIC_BRANDS)
 
 
-def heic_photo(data: bytes, path: Path) -> Any:
+def heic_photo(data: bytes, name: str | Path) -> Any:
     """pillow-heif's image.
 
     Raises:
@@ -95,21 +114,21 @@ def heic_photo(data: bytes, path: Path) -> Any:
         import pillow_heif
     except ImportError as error:
         raise PhotoError(
-            f"{path} is HEIC, which needs pillow-heif: pip install 'gscpe[heic]'; or convert it "
+            f"{name} is HEIC, which needs pillow-heif: pip install 'gscpe[heic]'; or convert it "
             "to JPEG"
         ) from error
     try:
         return pillow_heif.open_heif(data)
     except Exception as error:  # ValueError, EOFError, SyntaxError, RuntimeError, ...
-        raise PhotoError(f"{path} is a damaged HEIC photo ({error}); copy it again") from error
+        raise PhotoError(f"{name} is a damaged HEIC photo ({error}); copy it again") from error
 
 
-def _heic(data: bytes, path: Path) -> NDArray[Any]:
-    photo = heic_photo(data, path)
+def _heic(data: bytes, name: str | Path) -> NDArray[Any]:
+    photo = heic_photo(data, name)
     try:
         rgb = np.asarray(photo)
     except Exception as error:  # decoding happens here
-        raise PhotoError(f"{path} is a damaged HEIC photo ({error}); copy it again") from error
+        raise PhotoError(f"{name} is a damaged HEIC photo ({error}); copy it again") from error
     if rgb.ndim == 3:  # as OpenCV has it
         rgb = rgb[:, :, [2, 1, 0, *range(3, rgb.shape[2])]]
     return rgb
@@ -128,7 +147,7 @@ def _decoded(data: bytes) -> NDArray[Any] | None:
         return None
 
 
-def _rgb_or_rgba(stored: NDArray[Any], data: bytes, path: Path) -> UInt8Array:
+def _rgb_or_rgba(stored: NDArray[Any], data: bytes, name: str | Path) -> UInt8Array:
     if stored.ndim == 2:
         stored = stored[:, :, None]
     colours, alpha = stored, None
@@ -140,11 +159,11 @@ def _rgb_or_rgba(stored: NDArray[Any], data: bytes, path: Path) -> UInt8Array:
         colours = np.where(np.isfinite(colours), colours, 0)
     if colours.shape[2] == 1:
         colours = np.repeat(colours, 3, axis=2)
-    rgb = _eight_bits(colours, data, path)[:, :, ::-1]
+    rgb = _eight_bits(colours, data, name)[:, :, ::-1]
     if alpha is None or alpha.all():
         return np.ascontiguousarray(rgb)
     if not alpha.any():
-        raise PhotoError(f"{path} is completely transparent: there is nothing to see")
+        raise PhotoError(f"{name} is completely transparent: there is nothing to see")
     return np.dstack([rgb, np.where(alpha, np.uint8(255), np.uint8(0))])
 
 
@@ -153,7 +172,7 @@ def _opaque(alpha: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(alpha >= 0.5 * full)
 
 
-def _eight_bits(values: NDArray[Any], data: bytes, path: Path) -> UInt8Array:
+def _eight_bits(values: NDArray[Any], data: bytes, name: str | Path) -> UInt8Array:
     if values.dtype == np.uint8:
         return np.asarray(values)
     largest = float(values.max())
@@ -165,7 +184,7 @@ def _eight_bits(values: NDArray[Any], data: bytes, path: Path) -> UInt8Array:
     bits = next((bits for bits in _BIT_DEPTHS if largest < 2**bits), None)
     if bits is None:
         raise PhotoError(
-            f"{path} holds {values.dtype} values up to {largest:.4g}; save it as 8-bit PNG"
+            f"{name} holds {values.dtype} values up to {largest:.4g}; save it as 8-bit PNG"
         )
     return np.asarray(np.clip(values, 0, None).astype(np.uint16) >> (bits - 8), dtype=np.uint8)
 

@@ -8,6 +8,7 @@ An orientation is EXIF's number, 1 to 8: how the stored pixels must be turned to
 from __future__ import annotations
 
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -23,15 +24,16 @@ _MIRRORED = {2: 0, 4: 2, 5: 3, 7: 1}
 """Orientations that mirror left and right first, and the quarter turns after that."""
 
 
-def exif_orientation(path: str | Path) -> int:
-    """What EXIF says of a photo, 1 to 8; 1, upright, where it does not say or cannot be read.
+def exif_orientation(photo: str | Path | bytes) -> int:
+    """What EXIF says of a photo (a path, or the bytes of a file), 1 to 8; 1, upright, where it
+    does not say or cannot be read.
 
     HEIC photos are read as they are to be shown (:func:`gscpe.read_image`): always 1.
     """
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(path) as image:
+        with Image.open(BytesIO(photo) if isinstance(photo, bytes) else photo) as image:
             value = image.getexif().get(_ORIENTATION, 1)
     except (
         *(OSError, UnidentifiedImageError, SyntaxError, ValueError, TypeError, KeyError),

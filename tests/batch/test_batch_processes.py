@@ -95,7 +95,7 @@ def test_a_worker_that_hangs_is_replaced(room_folder: RoomFolder) -> None:
     """And its photo has failed, at once: it would hang the next one too."""
     expected = room_folder.expected
     with ProcessCrew(room_folder.instructions, 1) as crew:
-        crew._workers[0]._timeout = 0.5  # of this one alone: a busy machine may be slow
+        crew._pool.workers[0].timeout = 0.5  # of this one alone: a busy machine may be slow
         room_folder.set_trap()
         details = run(crew, (TRAP, *QUERIES[:2]))
     hung = details.pop(TRAP.name)

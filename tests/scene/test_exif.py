@@ -94,7 +94,7 @@ def test_files_that_are_no_photos(tmp_path: Path) -> None:
     (tmp_path / "empty.jpg").write_bytes(b"")
     (tmp_path / "start.jpg").write_bytes(photo(tmp_path / "a.jpg", mm35=28).read_bytes()[:20])
     for name in ("text.jpg", "empty.jpg", "start.jpg", "missing.jpg", "."):
-        with pytest.raises(PhotoError, match="is not an image that can be decoded"):
+        with pytest.raises(PhotoError, match=r"is not an image that can be decoded|cannot be read"):
             camera_from_exif(tmp_path / name)
 
 

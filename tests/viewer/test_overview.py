@@ -47,7 +47,7 @@ def test_what_is_known_is_drawn() -> None:
     full = overview(room_map(), contents_of(room_map(), found), settings)
     assert full.shape == (200, 320, 3)
 
-    def pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> int:  # type: ignore[type-arg]
+    def pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
         return int(np.sum(np.abs(picture.astype(int) - colour).max(axis=2) < 12))
 
     assert pixels(full, COLOURS["final"]) > pixels(bare, COLOURS["final"]) + 50

@@ -144,7 +144,8 @@ def test_a_click_on_a_frustum_flies_there(viewer: Viewer, client: Any) -> None:
 def test_a_section_leaves_fewer_gaussians(viewer: Viewer, client: Any) -> None:
     whole = len(viewer._splat_node.buffer)
     low, high = viewer._section.limits
-    viewer._sliders[2].value = (float(low[2]), float((low[2] + high[2]) / 2))
+    slider: Any = viewer._sliders[2]
+    slider.value = (float(low[2]), float((low[2] + high[2]) / 2))
     viewer._cut()
     assert 0 < len(viewer._splat_node.buffer) < whole
 

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Localizers of several maps, as many as the memory holds: the one that was not used for the
+longest time makes room for another."""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Mapping
+
+from gscpe.batch.choose import BYTES_A_GAUSSIAN
+from gscpe.batch.instructions import map_fingerprint
+from gscpe.closing import Closing
+from gscpe.errors import MapError
+from gscpe.localization import Localizer, LocalizerSettings
+from gscpe.scene import open_map
+
+
+@dataclass(frozen=True)
+class ShelfOrder:
+    """What a shelf opens, as small picklable data.
+
+    Attributes:
+        folders: of the maps, by name; absolute.
+        fingerprints: of the maps as they were when the order was given.
+        settings, matcher, backend: of the localizers.
+        memory: bytes that all maps may take together (estimated from their numbers of
+            Gaussians); one is always held. None: all are.
+    """
+
+    folders: Mapping[str, Path]
+    fingerprints: Mapping[str, str]
+    settings: LocalizerSettings
+    matcher: str
+    backend: str
+    memory: int | None = None
+
+
+def named_maps(folders: list[str]) -> dict[str, Path]:
+    """Absolute folders by name, the last part of their path without ``.gsmap``.
+
+    Raises:
+        MapError: two have the same name, or a name has letters that an address cannot have.
+    """
+    named: dict[str, Path] = {}
+    for folder in folders:
+        path = Path(folder).absolute()
+        name = path.name.removesuffix(".gsmap")
+        if not name or any(not (c.isalnum() or c in "-_. ") for c in name):
+            raise MapError(
+                f"{folder} has a name that an address cannot have; use letters, digits, - and _"
+            )
+        if name in named:
+            raise MapError(f"{folder} and {named[name]} have the same name; rename one of them")
+        named[name] = path
+    return named
+
+
+class Shelf(Closing):
+    """Opens maps when they are needed.
+
+    Args:
+        order: what to open.
+    """
+
+    def __init__(self, order: ShelfOrder) -> None:
+        self._order = order
+        self._open: OrderedDict[str, Localizer] = OrderedDict()
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the maps that are open, the one last used last."""
+        return tuple(self._open)
+
+    def localizer(self, name: str) -> Localizer:
+        """The localizer of a map, which is opened where it is not yet.
+
+        Raises:
+            MapError: the map is missing, damaged, or has changed since the order was given.
+            GscpeError: as :class:`gscpe.Localizer`.
+        """
+        if name in self._open:
+            self._open.move_to_end(name)
+            return self._open[name]
+        order, folder = self._order, self._order.folders[name]
+        if map_fingerprint(folder) != order.fingerprints[name]:
+            raise MapError(f"map {folder} has changed since the start; start again")
+        self._make_room(map_bytes(folder))
+        localizer = Localizer(open_map(folder), order.settings, order.matcher, order.backend)
+        self._open[name] = localizer
+        return localizer
+
+    def _make_room(self, needed: int) -> None:
+        if self._order.memory is None:
+            return
+        while self._open and needed + self._taken() > self._order.memory:
+            _, oldest = self._open.popitem(last=False)
+            oldest.close()
+
+    def _taken(self) -> int:
+        return sum(map_bytes(self._order.folders[name]) for name in self._open)
+
+    def close(self) -> None:
+        while self._open:
+            self._open.popitem()[1].close()
+
+
+def map_bytes(folder: Path) -> int:
+    """Memory that a localizer of this map takes, about.
+
+    Raises:
+        MapError: its ``map.json`` is missing or damaged.
+    """
+    path = folder / "map.json"
+    try:
+        return BYTES_A_GAUSSIAN * int(json.loads(path.read_text())["gaussians"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MapError(f"{path} is damaged; build the map again") from error

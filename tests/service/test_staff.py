@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Workers of a service, whoever dies, hangs or is not waited for any more."""
+
+from __future__ import annotations
+
+from concurrent.futures import CancelledError
+from pathlib import Path
+from typing import Any, Iterator
+
+import pytest
+from batch_room import wait_until
+from fake_desk import FakeDesk, Stillborn, job
+
+from gscpe.errors import WorkerError
+from gscpe.service.limits import Limits
+from gscpe.service.metrics import Metrics
+from gscpe.service.problem import Problem
+from gscpe.service.staff import Staff
+
+
+@pytest.fixture(scope="module")
+def staff() -> Iterator[Staff]:
+    with Staff(FakeDesk.start, 2, 1, Limits(), Metrics()) as staff:
+        yield staff
+
+
+def answer(staff: Staff, says: str) -> Any:
+    return staff.submit(job(says)).future.result(120)
+
+
+def test_each_gets_its_own_answer(staff: Staff) -> None:
+    tickets = [staff.submit(job(f"echo {n}")) for n in range(50)]
+    assert [t.future.result(120)["text"] for t in tickets] == [str(n) for n in range(50)]
+    assert (staff.waiting, staff.busy) == (0, 0)
+    assert answer(staff, "refuse a.jpg is bad") == Problem(422, "PhotoError", "a.jpg is bad")
+
+
+def test_a_killed_workers_job_is_tried_once_more(staff: Staff, tmp_path: Path) -> None:
+    assert answer(staff, f"die {tmp_path / 'flag'}")["text"] == "again"
+    killed = answer(staff, "die")
+    assert killed == Problem(500, "WorkerError", "its worker died, 2 times")
+    broken = answer(staff, "fail /secret/path")
+    assert broken == Problem(500, "WorkerError", "its worker died, 2 times")
+    assert answer(staff, "echo on")["text"] == "on"
+
+
+def test_a_job_that_is_called_off_frees_its_worker(staff: Staff, tmp_path: Path) -> None:
+    flags = [str(tmp_path / name) for name in "ab"]
+    working = [staff.submit(job(f"wait {flag}")) for flag in flags]
+    wait_until(lambda: all(Path(f"{flag}.begun").exists() for flag in flags))
+    waiting = staff.submit(job("echo never"))
+    staff.call_off(waiting)
+    with pytest.raises(CancelledError):
+        waiting.future.result(60)
+    pids = set(staff.pids())
+    staff.call_off(working[0])
+    wait_until(lambda: Path(f"{flags[0]}.stopped").exists())
+    assert answer(staff, "echo next")["pid"] in pids  # not a new one
+    Path(flags[1]).touch()
+    assert working[1].future.result(60)["text"] == "waited"
+    assert set(staff.pids()) == pids
+
+
+def test_a_worker_that_hangs() -> None:
+    limits = Limits(seconds=30.0, decode_seconds=30.0)
+    with Staff(FakeDesk.start, 1, 1, limits, Metrics()) as staff:
+        answer(staff, "echo ready")
+        staff._limits = Limits(seconds=0.3, decode_seconds=30.0)
+        stuck = answer(staff, "hang")
+        assert stuck == Problem(504, "TooSlow", "its worker hung, 2 times (no answer for 0.3 s)")
+        staff._limits = Limits(seconds=30.0, decode_seconds=0.3)
+        bomb = answer(staff, "slow-decode")
+        assert (bomb.status, bomb.error) == (422, "TooSlow")
+        assert "takes more than 0.3 s to decode" in bomb.detail
+        staff._limits = limits
+        assert answer(staff, "echo on")["text"] == "on"
+        assert staff._metrics.replaced == 3
+
+
+def test_closing_answers_who_waits(tmp_path: Path) -> None:
+    staff = Staff(FakeDesk.start, 1, 1, Limits(), Metrics())
+    begun = staff.submit(job(f"wait {tmp_path / 'a'}"))
+    queued = staff.submit(job("echo a"))
+    wait_until((tmp_path / "a.begun").exists)
+    staff.close()
+    assert begun.future.result(0).status == queued.future.result(0).status == 503
+    assert staff.submit(job("echo late")).future.result(0).status == 503
+
+
+def test_workers_that_never_start() -> None:
+    with pytest.raises(WorkerError, match="die while starting"):
+        Staff(Stillborn.start, 1, 1, Limits(), Metrics())
