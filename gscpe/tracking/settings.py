@@ -77,7 +77,7 @@ class TrackingSettings:
     coarse_pixels: int = 5_000
     judged_pixels: int = 20_000
     anchor_pixels: float = 8.0
-    farthest_pixels: float = 32.0
+    farthest_pixels: float = 40.0
     anchors: int = 3
     patience: int = 3
     kept_frames: int = 60
