@@ -97,8 +97,8 @@ class TrackingSettings:
             template_pixels=10_000,
             coarse_pixels=3_000,
             judged_pixels=10_000,
-            anchor_pixels=6.0,
-            farthest_pixels=24.0,
+            anchor_pixels=5.0,
+            farthest_pixels=18.0,
         )
 
     def __post_init__(self) -> None:
