@@ -95,6 +95,15 @@ def inverse(transform: ArrayLike) -> Float64Array:
     return result
 
 
+def nearest_rigid(transform: ArrayLike) -> Float64Array:
+    """The transform with the rotation that is nearest to its own, (4, 4): products of many
+    transforms and of their transposes drift away from rotations, faster and faster."""
+    result = np.array(transform, dtype=np.float64)
+    left, _, right = np.linalg.svd(result[:3, :3])
+    result[:3, :3] = left @ right
+    return result
+
+
 def from_rotation_translation(rotation: ArrayLike, translation: ArrayLike) -> Float64Array:
     """A (4, 4) transform of a (3, 3) rotation matrix and a (3,) translation."""
     transform = np.eye(4)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Callable, Generic, TypeVar
 
 _T = TypeVar("_T")
@@ -25,10 +25,15 @@ class Errand(Generic[_T]):
         assert self._future is None
         self._future = self._pool.submit(work)
 
-    def fetch(self, wait: bool = False) -> tuple[_T] | None:
-        """What came of it, once; None where nothing is there yet. Raises what it raised."""
+    def fetch(self, patience: float | None = 0.0) -> tuple[_T] | None:
+        """What came of it, once; None where nothing is there after so many seconds (None: waits
+        until it is). Raises what it raised."""
         future = self._future
-        if future is None or not (wait or future.done()):
+        if future is None:
+            return None
+        if patience != 0.0:
+            wait([future], timeout=patience)
+        if not future.done():
             return None
         self._future = None
         return (future.result(),)

@@ -36,6 +36,10 @@ _FIRST_LEAD = 4.0
 _BEYOND = 0.75
 """An anchor is asked for so much of its reach beyond where it will be needed first."""
 _MOST_FRAMES_AHEAD = 10.0
+_FAR = 2.0
+"""Times ``anchor_pixels`` beyond which a frame that may wait does so, for a moment."""
+_SHORT_WAIT = 0.015
+"""Seconds."""
 _NEWEST = 0.2
 """Weight of the last frame's time in their running mean."""
 
@@ -184,9 +188,9 @@ class Course:
             )
         )
 
-    def _take_anchor(self, index: int, wait: bool = False) -> None:
-        """Takes the anchor that was asked for, if it is there."""
-        fetched = self._next.fetch(wait)
+    def _take_anchor(self, index: int, patience: float | None = 0.0) -> None:
+        """Takes the anchor that was asked for, if it is there within so many seconds."""
+        fetched = self._next.fetch(patience)
         if fetched is None:
             return
         (anchor,) = fetched
@@ -197,13 +201,16 @@ class Course:
 
     def _anchor_for(self, expected: Prediction, frame: Frame) -> Anchor:
         """The nearest anchor; waits for a nearer one if it is far, and waiting is allowed."""
-        pose, farthest = expected.cam_from_world, self._settings.farthest_pixels
+        pose, settings = expected.cam_from_world, self._settings
         anchor, distance = nearest(self._anchors, pose)
-        if not self._settings.wait or distance <= farthest:
+        if not settings.wait or distance <= _FAR * settings.anchor_pixels:
             return anchor
-        if not self._next.under_way:
-            self._ask(pose, frame)
-        self._take_anchor(frame.index, wait=True)
+        if distance > settings.farthest_pixels:
+            if not self._next.under_way:
+                self._ask(pose, frame)
+            self._take_anchor(frame.index, patience=None)
+        else:
+            self._take_anchor(frame.index, patience=_SHORT_WAIT)
         return nearest(self._anchors, pose)[0]
 
     def close(self) -> None:

@@ -85,7 +85,7 @@ def follow(
     agreement = block_agreement(
         template, frame.levels[anchor.compared], photo_from_anchor, anchor.blocks
     )
-    cam_from_world = photo_from_anchor @ anchor_from_world
+    cam_from_world = se3.nearest_rigid(photo_from_anchor @ anchor_from_world)
     step = se3.log(cam_from_world @ se3.inverse(expected.cam_from_world))
     surprise = float(np.sqrt(step @ anchor.template.motion @ step))
     return Followed(cam_from_world, anchor, alignment, agreement, surprise)

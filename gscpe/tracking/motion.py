@@ -38,7 +38,8 @@ class Motion:
     rotation_sigma: float = 0.5
 
     def __post_init__(self) -> None:
-        moved = check_transform(self.cam_from_previous_cam, "cam_from_previous_cam").copy()
+        moved = check_transform(self.cam_from_previous_cam, "cam_from_previous_cam")
+        moved = se3.nearest_rigid(moved)
         moved.setflags(write=False)
         object.__setattr__(self, "cam_from_previous_cam", moved)
         for name in ("translation_sigma", "rotation_sigma"):
@@ -116,14 +117,15 @@ class MotionState:
         if motion is not None:
             sigmas = np.hypot(self.sigmas, motion.sigmas())
             return Prediction(
-                motion.cam_from_previous_cam @ self.cam_from_world,
+                se3.nearest_rigid(motion.cam_from_previous_cam @ self.cam_from_world),
                 0.0 if self.unseen == 0 else self.surprise_pixels,
                 sigmas,
             )
         step = self.velocity * (time - self.time)
         # What may have changed since the last frame that was seen grows with the time.
         surprise = self.surprise_pixels * (1.0 + self.unseen)
-        return Prediction(se3.exp(step) @ self.cam_from_world, surprise, self.sigmas)
+        pose = se3.nearest_rigid(se3.exp(step) @ self.cam_from_world)
+        return Prediction(pose, surprise, self.sigmas)
 
     def seen(
         self, cam_from_world: Float64Array, time: float, surprise_pixels: float

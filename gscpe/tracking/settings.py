@@ -77,7 +77,7 @@ class TrackingSettings:
     coarse_pixels: int = 5_000
     judged_pixels: int = 20_000
     anchor_pixels: float = 8.0
-    farthest_pixels: float = 32.0
+    farthest_pixels: float = 40.0
     anchors: int = 3
     patience: int = 3
     kept_frames: int = 60
@@ -97,8 +97,8 @@ class TrackingSettings:
             template_pixels=10_000,
             coarse_pixels=3_000,
             judged_pixels=10_000,
-            anchor_pixels=6.0,
-            farthest_pixels=24.0,
+            anchor_pixels=5.0,
+            farthest_pixels=18.0,
         )
 
     def __post_init__(self) -> None:

@@ -115,6 +115,20 @@ def test_anchors_are_rendered_on_the_way(localizer: Localizer) -> None:
     right(results[-1], pose(11))
 
 
+def test_poses_stay_rigid_over_many_anchors(localizer: Localizer) -> None:
+    """A rotation that is a little off is off three times as much after each anchor, unless it is
+    mended: 25 of them would spoil it."""
+    settings = TrackingSettings(wait=True, anchor_pixels=1.0, farthest_pixels=1.0)
+    there_and_back = [*range(6), *range(4, 0, -1)] * 12
+    with Tracker(localizer, settings) as tracker:
+        results = [tracker.track(picture(index), CAMERA) for index in there_and_back]
+    asked = {index - (result.anchor_age or 0) for index, result in enumerate(results)}
+    assert len(asked) > 30
+    rotation = np.asarray(results[-1].cam_from_world)[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    right(results[-1], pose(there_and_back[-1]))
+
+
 def test_measured_motion_leads_where_the_velocity_does_not(tracker: Tracker) -> None:
     """A camera that starts, and jerks by 25 pixels a frame."""
     at = [0.0, 0.0, 12.0, 3.0, 14.0]
