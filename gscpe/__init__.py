@@ -47,6 +47,7 @@ from gscpe.geometry import Camera, PoseDifference, pose_difference
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import (
     Attempt,
+    EasySettings,
     FusionSettings,
     LocalizationResult,
     Localizer,
@@ -78,6 +79,8 @@ from gscpe.matching import Matcher, Matches, make_matcher
 from gscpe.refinement import (
     Alignment,
     ClippingSettings,
+    IlluminationSettings,
+    LightSettings,
     LucasKanadeSettings,
     RefinementObserver,
     RefinementResult,
@@ -211,6 +214,7 @@ __all__ = [
     "Dataset",
     "DatasetError",
     "DescriberModel",
+    "EasySettings",
     "Evaluation",
     "FocalEstimate",
     "FocalSettings",
@@ -221,9 +225,11 @@ __all__ = [
     "GaussianScene",
     "GlobalDescriptors",
     "GscpeError",
+    "IlluminationSettings",
     "IndexSettings",
     "InputError",
     "KnownPoses",
+    "LightSettings",
     "LocalizationResult",
     "Localizer",
     "LocalizerSettings",

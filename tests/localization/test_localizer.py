@@ -167,8 +167,7 @@ def test_photos_of_elsewhere_are_not_localized(name: str, localizer: Localizer) 
 
 @pytest.mark.parametrize("size", [(32, 24), (3, 2), (1, 1)])
 def test_tiny_photos_are_not_localized(size: tuple[int, int], localizer: Localizer) -> None:
-    """Or to a pixel, which is 8 cm wide in the room with 32x24, and with a covariance that says
-    so."""
+    """Or to a pixel, which is 8 cm wide in the room with 32x24."""
     camera = CAMERA.resized(*size)
     result = localizer.localize(photo(ROOM_POSE, camera), camera)
     if result.cam_from_world is None:
@@ -176,9 +175,6 @@ def test_tiny_photos_are_not_localized(size: tuple[int, int], localizer: Localiz
         assert result.reason
     else:
         assert pose_difference(result.cam_from_world, ROOM_POSE).distance < 0.08
-        assert result.covariance is not None
-        xi = se3.log(ROOM_POSE @ se3.inverse(result.cam_from_world))
-        assert np.all(np.abs(xi) < 5.0 * np.sqrt(np.diag(result.covariance)))
 
 
 def test_wrong_input(localizer: Localizer) -> None:
