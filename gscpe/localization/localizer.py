@@ -44,6 +44,8 @@ from gscpe.scene.photo import resized_photo
 
 _log = logging.getLogger(__name__)
 
+_LEAST_SIDE = 48  # of a photo, pixels
+
 
 class Localizer(Closing):
     """Localizes photos in one map. Holds the map on the graphics driver or in memory: create it
@@ -177,14 +179,18 @@ class Localizer(Closing):
         photo = self.at_the_maps_resolution(to_photo(image, camera))
         query = self._chain.prepared(photo, clock)
         attempts: list[Attempt] = []
-        for attempt in self._chain.attempts(query, prior, references, observer):
+        too_small = _too_small(camera)
+        tries = () if too_small else self._chain.attempts(query, prior, references, observer)
+        for attempt in tries:
             observer.attempted(attempt)
             attempts.append(attempt)
             best = max(attempts, key=Attempt.rank)
             if best.doubt is None and (self._chain.is_sure(best) or best.orientation != 1):
                 break
         result = LocalizationResult.of(attempts, camera, frame, self.settings, clock.seconds())
-        return result if result.localized else result.because(trouble_with_light(photo))
+        return (
+            result if result.localized else result.because(too_small or trouble_with_light(photo))
+        )
 
     def _prior_of(self, result: LocalizationResult) -> PosePrior | None:
         """The result of the frame before says where the camera was, some centimetres ago."""
@@ -333,3 +339,14 @@ class Localizer(Closing):
             self._closed = True
             self._beside.close()
             self._renderer.close()
+
+
+def _too_small(camera: Camera) -> str | None:
+    """Says that a photo is too small: errors of a whole pixel, which no residual shows, are then
+    more than the covariance tells."""
+    if min(camera.width, camera.height) >= _LEAST_SIDE:
+        return None
+    return (
+        f"the photo has only {camera.width}x{camera.height} pixels; {_LEAST_SIDE} are needed on "
+        "its shorter side"
+    )
