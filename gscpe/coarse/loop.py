@@ -71,7 +71,7 @@ def estimate_coarse_pose(
             "round %d: %d of %d matches agree, moved %.4f and %.3f deg",
             rounds, this.inliers, len(this.pixels), moved.distance, moved.degrees,
         )  # fmt: skip
-        converged = this.has_settled(settings)
+        converged = this.has_settled(current, settings)
         current = this.estimate.cam_from_world
     assert best is not None
     return best.result(rounds, converged, settings)

@@ -106,11 +106,11 @@ class Round:
         """(inliers, 2), where they are in the photo."""
         return self.pixels[:0] if self.estimate is None else self.pixels[self.estimate.inliers]
 
-    def has_settled(self, settings: CoarseSettings) -> bool:
-        """Whether the pose is where the render was made, within the tolerances."""
+    def has_settled(self, cam_from_world: Float64Array, settings: CoarseSettings) -> bool:
+        """Whether the pose is that of the round before, within the tolerances."""
         if self.estimate is None:
             return False
-        moved = pose_difference(self.estimate.cam_from_world, self.view.cam_from_world)
+        moved = pose_difference(self.estimate.cam_from_world, cam_from_world)
         return (
             moved.distance < settings.translation_tolerance
             and moved.degrees < settings.rotation_tolerance_degrees

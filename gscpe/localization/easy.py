@@ -1,26 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Easy photos: one small render is matched, and the render that is aligned is matched again.
+"""Easy photos: one small render is matched, then one from the right place, during the alignment.
 
-What further rounds of the coarse loop add is matches from the right place. The alignment renders
-there anyway, so that render is matched with the photo while it is aligned. Where anything about
-this is in doubt, the photo is not easy, and the whole loop is run.
+What further rounds of the coarse loop add is matches from the right place. They are made while
+the photo is aligned, with a render of their own: in the render that is aligned they would share
+its errors (34 references of RedKitchen: correlation of both poses' errors 0.70, and 0.33 to 0.47
+with a render from 1.5% of the depth beside it; rms of their mean 0.180 cm, and 0.169 to 0.176).
+Where anything about this is in doubt, the photo is not easy, and the whole loop is run.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Callable
 
-from gscpe.arrays import BoolArray, Float64Array
+import numpy as np
+
+from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult, CoarseSettings, Round, match_render
-from gscpe.geometry.camera import Camera
-from gscpe.localization.beside import Beside, Work
+from gscpe.geometry import se3
+from gscpe.localization.beside import Beside
 from gscpe.localization.observer import Observer
 from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.verification import inlier_spread
 from gscpe.matching import Matcher
-from gscpe.refinement import Alignment, RefinementResult, RefinementSettings, refine_pose
+from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.render import RenderedView, Renders
+
+_BESIDE = 0.015  # of the depth
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ def localize_easy(
     refinement: RefinementSettings,
     observer: Observer,
 ) -> tuple[CoarseResult, RefinementResult] | None:
-    """Matches and alignment with one render each; None where the photo is not easy.
+    """Two rounds of matches, and the alignment beside the second; None where the photo is not easy.
 
     Args:
         renderer: of the map's splat.
@@ -82,55 +87,30 @@ def localize_easy(
     if first.estimate is None or not is_easy(first, easy):
         return None
     prepared = query.prepared_for(matcher)
-    anchors = _AnchorsMatched(matcher, prepared, query.photo.camera, coarse, beside, observer)
+    camera, near = query.photo.camera, _from_beside(first.estimate.cam_from_world, view)
+    matching = beside.begin(
+        lambda: match_render(renderer.render(camera, near), matcher, prepared, camera, coarse)
+    )
     with clock.stage("refinement"):
         aligned = refine_pose(
-            renderer, query.photo, first.estimate.cam_from_world, refinement, anchors
+            renderer, query.photo, first.estimate.cam_from_world, refinement, observer
         )
     if aligned.cam_from_world is None:
+        matching.drop()
         return None
     with clock.stage("coarse"):
-        last = anchors.last()
-        matched = last.result(2, last.has_settled(coarse), coarse)
-    observer.round_done(last.view, last.matches, last.estimate)
+        second = matching.result()
+        matched = second.result(
+            2, second.has_settled(first.estimate.cam_from_world, coarse), coarse
+        )
+    observer.round_done(second.view, second.matches, second.estimate)
     return matched, aligned
 
 
-class _AnchorsMatched(Observer):
-    """Matches each anchor while it is aligned, and hands on what it is told."""
-
-    def __init__(
-        self,
-        matcher: Matcher,
-        prepared_photo: Any,
-        camera: Camera,
-        settings: CoarseSettings,
-        beside: Beside,
-        observer: Observer,
-    ) -> None:
-        self._match: Callable[[RenderedView], Round] = lambda view: match_render(
-            view, matcher, prepared_photo, camera, settings
-        )
-        self._beside = beside
-        self._observer = observer
-        self._last: Work[Round] | None = None
-
-    def last(self) -> Round:
-        """What came of the last anchor; waits for it."""
-        assert self._last is not None
-        return self._last.result()
-
-    def anchor_rendered(self, view: RenderedView) -> None:
-        if self._last is not None:
-            self._last.drop()
-        self._last = self._beside.begin(lambda: self._match(view))
-        self._observer.anchor_rendered(view)
-
-    def mask_made(self, mask: BoolArray) -> None:
-        self._observer.mask_made(mask)
-
-    def iterated(self, photo_from_anchor: Float64Array) -> None:
-        self._observer.iterated(photo_from_anchor)
-
-    def anchor_aligned(self, alignment: Alignment) -> None:
-        self._observer.anchor_aligned(alignment)
+def _from_beside(cam_from_world: Float64Array, view: RenderedView) -> Float64Array:
+    """A pose beside it, to the left and above, by a small share of the depth of what it sees."""
+    seen = view.depth[view.opacity > 0.5]
+    depth = float(np.median(seen)) if len(seen) else 1.0
+    xi = np.zeros(6)
+    xi[:2] = _BESIDE * depth * np.array([1.0, 0.6])
+    return np.asarray(se3.exp(xi) @ cam_from_world)
