@@ -318,7 +318,7 @@ class Viewer(Closing):
 
     def _add_section_sliders(self) -> None:
         low, high = self._section.limits
-        self._sliders = []
+        self._sliders: list[Any] = []
         for name, begin, end in zip(_SIDES, low.tolist(), high.tolist(), strict=True):
             step = (end - begin) / 200.0
             slider = self._server.gui.add_multi_slider(name, begin, end, step, (begin, end))

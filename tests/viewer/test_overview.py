@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import random_pose
+from numpy.typing import NDArray
 from scenes import ROOM_POSE, room_map
 
 from gscpe.cli.main import main
@@ -48,7 +49,7 @@ def test_what_is_known_is_drawn() -> None:
     assert full.shape[1:] == (320, 3)
     assert full.shape[0] > bare.shape[0] > 200  # more rows of the legend
 
-    def pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> int:  # type: ignore[type-arg]
+    def pixels(picture: NDArray[np.uint8], colour: tuple[int, int, int]) -> int:
         return int(np.sum(np.abs(picture.astype(int) - colour).max(axis=2) < 12))
 
     assert pixels(full, COLOURS["final"]) > pixels(bare, COLOURS["final"]) + 50
