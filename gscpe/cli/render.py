@@ -12,6 +12,7 @@ import numpy as np
 from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, show_progress
 from gscpe.errors import CameraError, OutputError
 from gscpe.geometry.camera import Camera
+from gscpe.localization.border import view_in_world
 from gscpe.render import Renderer
 from gscpe.render.pictures import depth_picture
 from gscpe.scene import open_map, write_image
@@ -44,9 +45,11 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(options.output)
     if folder.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise OutputError(f"--output {folder} must be a folder, because several files are written")
-    scene = open_map(options.map).scene
-    with Renderer(scene, options.backend, show_progress()) as renderer:
-        view = renderer.render(camera, cam_from_world)
+    map_ = open_map(options.map)
+    with Renderer(map_.scene, options.backend, show_progress()) as renderer:
+        view = view_in_world(
+            renderer.render(camera, map_.frame.cam_from_map(cam_from_world)), map_.frame
+        )
     write_image(folder / "rgb.png", view.rgb)
     write_image(folder / "opacity.png", view.opacity)
     write_image(folder / "depth.png", depth_picture(view.depth))

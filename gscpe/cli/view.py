@@ -72,6 +72,7 @@ def add_parser(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from gscpe.viewer import Viewer, contents_of, overview, read_findings
+    from gscpe.viewer.photos import Photos
     from gscpe.viewer.server import check_viser
 
     if options.gaussians < 1:
@@ -89,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
     map_ = open_map(options.map)
     contents = contents_of(map_, findings)
     if options.screenshot is not None:
-        write_image(options.screenshot, overview(map_, contents, backend=options.backend))
+        picture = overview(map_, contents, photos=Photos(options.images), backend=options.backend)
+        write_image(options.screenshot, picture)
         print(f"{options.screenshot}: the map with {len(contents.cameras)} cameras")
         return 0
     with Viewer(

@@ -242,7 +242,7 @@ def _axes(contents: Contents, centres: Float64Array) -> Float64Array:
 
 def _frustum_depth(centres: Float64Array, depth: float) -> float:
     """Frusta neither vanish nor hide each other: about as long as cameras stand apart."""
-    low, high = 0.03 * depth, 0.12 * depth
+    low, high = 0.03 * depth, 0.2 * depth
     if len(centres) < 2:
         return high
     some = np.array(_thinned(list(centres), MOST_CAMERAS))

@@ -30,12 +30,14 @@ from gscpe.viewer.cameras import (
 )
 from gscpe.viewer.contents import Contents
 from gscpe.viewer.ellipsoids import Ellipsoid
+from gscpe.viewer.photos import Photos
 
 Colour = tuple[int, int, int]
 
-_ELEVATION = math.radians(35.0)
+_ELEVATION = math.radians(30.0)
 _HALF_ANGLE = math.radians(25.0)  # of the picture's height
-_MARGIN = 0.88  # of the picture that what must be seen fills
+_MARGIN = 0.92  # of the picture that what must be seen fills
+_SEEN = 0.5  # of what cameras see at the typical depth belongs to the picture
 _BEHIND = 0.8
 """Of the distance to the nearest camera: what lies before is not drawn, as walls of the room."""
 
@@ -43,6 +45,8 @@ _STEP = 6.0  # pixels in which lines are drawn, each hidden or not
 _HIDDEN = 0.25  # opacity of lines behind surfaces
 _SHIFT = 4
 """Binary digits behind the point in OpenCV's drawing coordinates."""
+
+_SMALLEST_PHOTO = 24.0  # pixels
 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
@@ -58,7 +62,7 @@ class OverviewSettings:
 
     width: int = 1280
     height: int = 800
-    sigmas: float = 20.0
+    sigmas: float = 5.0
 
     def __post_init__(self) -> None:
         if min(self.width, self.height) < 64 or not self.sigmas > 0:
@@ -69,14 +73,20 @@ class OverviewSettings:
 
 
 def overview(
-    map_: Map, contents: Contents, settings: OverviewSettings | None = None, backend: str = "auto"
+    map_: Map,
+    contents: Contents,
+    settings: OverviewSettings | None = None,
+    photos: Photos | None = None,
+    backend: str = "auto",
 ) -> UInt8Array:
-    """(H, W, 3) uint8: the map from behind and above its cameras, with all that is shown.
+    """The map from behind and above its cameras, with all that is shown, and a legend below it;
+    (H, W, 3) uint8, as wide as the settings say and higher by the legend.
 
     Args:
         map_: that is rendered.
         contents: of it.
         settings: of the picture.
+        photos: that are drawn into the frusta, as far as there are any.
         backend: of the renderer.
 
     Raises:
@@ -89,7 +99,7 @@ def overview(
     pose, near = overview_pose(contents, camera)
     with Renderer(replace(map_.scene, near=near), backend) as renderer:
         view = renderer.render(camera, pose)
-    return draw_contents(view, contents, settings.sigmas)
+    return draw_contents(view, contents, settings.sigmas, photos or Photos([]))
 
 
 def overview_pose(contents: Contents, camera: Camera) -> tuple[Float64Array, float]:
@@ -98,20 +108,19 @@ def overview_pose(contents: Contents, camera: Camera) -> tuple[Float64Array, flo
 
     It looks where the cameras look on average, from above.
     """
-    corners = [
-        frustum_corners(shown.camera, shown.cam_from_map, contents.frustum_depth)
-        for shown in contents.cameras
-    ]
+    shown = contents.cameras
+    corners = [frustum_corners(c.camera, c.cam_from_map, contents.frustum_depth) for c in shown]
     points = np.concatenate([*corners, contents.centres(), np.zeros((0, 3))])
-    looking = np.array([shown.cam_from_map[2, :3] for shown in contents.cameras]).reshape(-1, 3)
+    looking = np.array([c.cam_from_map[2, :3] for c in shown]).reshape(-1, 3)
     if not len(points):
         points = np.zeros((1, 3))
-    across, along, up = contents.axes
+    _, along, up = contents.axes
     ahead = looking.mean(axis=0) if len(looking) else along
     level = ahead - (ahead @ up) * up
     level = along if np.linalg.norm(level) < 0.2 else level / np.linalg.norm(level)
     # What the cameras look at belongs to the picture.
-    seen = points.mean(axis=0) + 0.6 * contents.depth * np.stack([level, level + 0.4 * across])
+    far = [frustum_corners(c.camera, c.cam_from_map, contents.depth)[1:5] for c in shown]
+    seen = np.array([(1 - _SEEN) * f.mean(axis=0) + _SEEN * f for f in far]).reshape(-1, 3)
     forward = math.cos(_ELEVATION) * level - math.sin(_ELEVATION) * up
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
@@ -128,11 +137,14 @@ def overview_pose(contents: Contents, camera: Camera) -> tuple[Float64Array, flo
     return pose, max(_BEHIND * nearest, 1e-3 * contents.depth)
 
 
-def draw_contents(view: RenderedView, contents: Contents, sigmas: float) -> UInt8Array:
-    """The view with cameras, ellipsoids, trajectory and legend drawn into it, (H, W, 3) uint8;
-    what lies behind a surface is faint."""
-    picture = _on_white(view)
-    faint = picture.copy()
+def draw_contents(
+    view: RenderedView, contents: Contents, sigmas: float, photos: Photos
+) -> UInt8Array:
+    """The view with photos, cameras, ellipsoids and trajectory drawn into it, and a legend below,
+    (H, W, 3) uint8; what lies behind a surface is faint."""
+    bare = _on_white(view)
+    _draw_photos(bare, view, contents, photos)
+    picture, faint = bare.copy(), bare.copy()
     for camera in contents.cameras:
         _draw_camera(picture, faint, view, camera, contents.frustum_depth)
     for ellipsoid in contents.ellipsoids:
@@ -141,10 +153,40 @@ def draw_contents(view: RenderedView, contents: Contents, sigmas: float) -> UInt
     if contents.trajectory is not None:
         _draw_line(picture, faint, view, contents.trajectory.centres, TRAJECTORY, 2)
     mixed = np.asarray(cv2.addWeighted(faint, _HIDDEN, picture, 1.0 - _HIDDEN, 0.0), dtype=np.uint8)
-    visible = np.any(picture != _on_white(view), axis=2)
+    visible = np.any(picture != bare, axis=2)
     mixed[visible] = picture[visible]
-    _draw_legend(mixed, _legend(contents, sigmas))
-    return mixed
+    return np.concatenate([mixed, _legend_strip(_legend(contents, sigmas), mixed.shape[1])])
+
+
+def _draw_photos(
+    picture: UInt8Array, view: RenderedView, contents: Contents, photos: Photos
+) -> None:
+    """Into the frusta that are large enough, the farthest first."""
+    drawn = []
+    for shown in contents.cameras:
+        if shown.kind in ("reference", "final"):
+            corners = frustum_corners(shown.camera, shown.cam_from_map, contents.frustum_depth)
+            x, y, z = transform_points(view.cam_from_world, corners[1:5]).T
+            if np.all(z > 1e-6):
+                camera = view.camera
+                quad = np.stack(
+                    [camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1
+                )
+                drawn.append((float(z.mean()), shown, quad.astype(np.float32)))
+    for depth, shown, quad in sorted(drawn, key=lambda each: -each[0]):
+        wide = float(np.linalg.norm(quad[1] - quad[0]))
+        small = photos.picture(shown, max(16, round(wide))) if wide >= _SMALLEST_PHOTO else None
+        if small is None:
+            continue
+        height, width = small.shape[:2]
+        flat = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=np.float32)
+        # Both are in pixels whose first centre is (0.5, 0.5), OpenCV's is (0, 0).
+        warp = cv2.getPerspectiveTransform(flat - 0.5, quad - np.float32(0.5))
+        size = picture.shape[1], picture.shape[0]
+        warped = cv2.warpPerspective(small, warp, size, flags=cv2.INTER_AREA)
+        inside = cv2.warpPerspective(np.full((height, width), 255, np.uint8), warp, size) > 127
+        before = (view.opacity < 0.5) | (depth < 1.02 * view.depth)
+        picture[inside & before] = warped[inside & before]
 
 
 def _on_white(view: RenderedView) -> UInt8Array:
@@ -229,19 +271,22 @@ def _legend(contents: Contents, sigmas: float) -> list[tuple[Colour | None, str]
     return lines
 
 
-def _draw_legend(picture: UInt8Array, lines: Sequence[tuple[Colour | None, str]]) -> None:
-    if not lines:
-        return
-    line, scale = 24, 0.5
-    width = max(cv2.getTextSize(text, _FONT, scale, 1)[0][0] for _, text in lines) + 56
-    top = max(picture.shape[0] - line * len(lines) - 24, 0)
-    box = picture[top:-8, 8 : 8 + width]
-    box[:] = (0.15 * box + 0.85 * 255).astype(np.uint8)
-    for i, (colour, text) in enumerate(lines):
-        y = top + 8 + line * i + line // 2
+def _legend_strip(lines: Sequence[tuple[Colour | None, str]], width: int) -> UInt8Array:
+    """Its entries in as many rows as they need, (H, W, 3) uint8."""
+    row, scale, x, y = 26, 0.5, 12, 0
+    places = []
+    for colour, text in lines:
+        needed = cv2.getTextSize(text, _FONT, scale, 1)[0][0] + 44
+        if x > 12 and x + needed > width:
+            x, y = 12, y + row
+        places.append((x, y + row // 2 + 4, colour, text))
+        x += needed
+    strip = np.full((y + row + 8 if lines else 0, width, 3), 255, dtype=np.uint8)
+    for x, y, colour, text in places:
         if colour is not None:
-            cv2.rectangle(picture, (20, y - 6), (34, y + 6), colour, -1)
-        cv2.putText(picture, text, (44, y + 5), _FONT, scale, (30, 30, 30), 1, cv2.LINE_AA)
+            cv2.rectangle(strip, (x, y - 6), (x + 12, y + 6), colour, -1)
+        cv2.putText(strip, text, (x + 20, y + 5), _FONT, scale, (30, 30, 30), 1, cv2.LINE_AA)
+    return strip
 
 
 def _opencv_point(pixel: Float64Array) -> tuple[int, int]:

@@ -143,6 +143,7 @@ class Viewer(Closing):
         self._section = Section.around(splat.means, self._contents.axes)
 
     def _show_cameras(self) -> None:
+        self._all_cameras = self._server.scene.add_frame("/cameras", show_axes=False)
         for index, shown in enumerate(self._contents.cameras):
             node = self._add_frustum(_node(shown.kind, index), shown, COLOURS[shown.kind])
             self._frusta.setdefault(shown.name, []).append((shown, node))
@@ -281,7 +282,7 @@ class Viewer(Closing):
                 self._go(event.client, shown)
 
     def _add_sigma_slider(self) -> None:
-        slider = self._server.gui.add_slider("Standard deviations", 1, 200, 1, 20)
+        slider = self._server.gui.add_slider("Standard deviations", 1, 200, 1, 3)
 
         def update(_: Any = None) -> None:
             self._ellipsoids.batched_scales = (slider.value * self._radii).astype(np.float32)
@@ -317,7 +318,7 @@ class Viewer(Closing):
 
     def _add_section_sliders(self) -> None:
         low, high = self._section.limits
-        self._sliders = []
+        self._sliders: list[Any] = []
         for name, begin, end in zip(_SIDES, low.tolist(), high.tolist(), strict=True):
             step = (end - begin) / 200.0
             slider = self._server.gui.add_multi_slider(name, begin, end, step, (begin, end))
@@ -384,11 +385,19 @@ class Viewer(Closing):
             else:
                 self._overlay.image = picture
             self._overlay.visible = difference or share > 0
+            self._show_others(not self._overlay.visible)
+
+    def _show_others(self, visible: bool) -> None:
+        """Those near the eye would lie before the photo."""
+        self._all_cameras.visible = visible
+        if self._ellipsoids is not None:
+            self._ellipsoids.visible = visible
 
     def _remove_overlay(self) -> None:
         if self._overlay is not None:
             self._overlay.remove()
             self._overlay = None
+        self._show_others(True)
         self._comparison = None
         if self._chosen is not None:
             for _, node in self._frusta[self._chosen.name]:

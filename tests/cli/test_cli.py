@@ -9,12 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import write_splat
-from scenes import ROOM_POSE, room, room_camera, room_map, room_shot, write_colmap_model
+from scenes import (
+    ROOM_POSE,
+    room,
+    room_camera,
+    room_map,
+    room_shot,
+    scaled_pose,
+    write_colmap_model,
+)
 
 from gscpe import __version__
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
-from gscpe.scene import open_map, read_image, write_image
+from gscpe.scene import open_map, read_image, save_map, write_image
 from gscpe.scene.poses.hloc import format_pose, parse_pose
 
 CAMERA = room_camera(240, 180)
@@ -102,6 +110,21 @@ def test_render(map_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     rgb = read_image(folder / "rgb.png")
     assert np.abs(rgb.astype(float) - room_shot().uint8)[seen].mean() < 3.0
     assert read_image(folder / "depth.png").shape == (180, 240, 3)
+
+
+@pytest.mark.parametrize(("scale", "metres"), [(10.0, 0.1), (3.0, None)])
+def test_render_in_a_world_of_another_unit(
+    tmp_path: Path, scale: float, metres: float | None
+) -> None:
+    """Pose and depth are the world's, in which the room is so many times as large."""
+    save_map(room_map(scale, metres), tmp_path / "room.gsmap")
+    command = ["render", str(tmp_path / "room.gsmap"), "--camera", CAMERA.colmap_text()]
+    command += ["--pose", format_pose(scaled_pose(ROOM_POSE, scale))]
+    assert main([*command, "--output", str(tmp_path / "view")]) == 0
+    seen = read_image(tmp_path / "view" / "opacity.png")[..., 0] > 230
+    assert seen.mean() > 0.95
+    depth = np.load(tmp_path / "view" / "depth.npy")
+    assert np.median(np.abs(depth / scale - room_shot().depth)[seen]) < 3e-3
 
 
 def test_rendering_from_behind_shows_nothing(map_folder: Path, tmp_path: Path) -> None:

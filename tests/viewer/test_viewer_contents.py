@@ -201,7 +201,7 @@ def test_contents_are_in_the_maps_frame(scale: float, metres: float | None) -> N
     assert contents.trajectory.times.tolist() == [1.0, 2.0]
     assert contents.trajectory.at(1.9) == 1
     assert np.allclose(contents.axes @ contents.axes.T, np.eye(3), atol=1e-9)
-    assert 0.02 < contents.frustum_depth / contents.depth < 0.13
+    assert 0.02 < contents.frustum_depth / contents.depth < 0.21
 
 
 def test_photos_without_a_pose_are_listed_with_their_reason() -> None:
