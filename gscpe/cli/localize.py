@@ -9,14 +9,19 @@ from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.batch import (
+    MAPS_TRIED,
     TIMEOUT,
+    Building,
     Instructions,
     ListFiles,
     OnePhoto,
+    OneResult,
+    Shelf,
     check_outputs,
     localize_one,
     localize_to_files,
     read_priors,
+    shelf_order,
 )
 from gscpe.cli.common import (
     CAMERA_HELP,
@@ -48,6 +53,19 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument(
         "--json", action="store_true", help="print everything about the one photo as JSON"
+    )
+    parser.add_argument(
+        "--also",
+        metavar="MAP",
+        action="append",
+        help="another map to look for the one photo in; may be repeated: the maps with the most "
+        f"similar reference photos, {MAPS_TRIED} at most, are opened, until it is found",
+    )
+    parser.add_argument(
+        "--memory",
+        metavar="GB",
+        type=float,
+        help="with --also: maps that are held at a time, at most (default: all that are opened)",
     )
     parser.add_argument(
         "--prior",
@@ -113,7 +131,7 @@ def run(options: argparse.Namespace) -> int:
         parser.error(
             "give either one photo, or many: --queries with --images, or --images with --camera"
         )
-    one = {"json", "prior"}
+    one = {"json", "prior", "also", "memory"}
     many = {
         *("images", "output", "coarse_output", "details"),
         *("resume", "priors", "workers", "scheduler", "timeout"),
@@ -137,6 +155,10 @@ def _localize_photo(options: argparse.Namespace) -> int:
     camera = None if options.camera is None else Camera.parse(options.camera)
     prior = _prior(options)
     photo = OnePhoto.decode(photo_bytes(options.photo), options.photo, camera)
+    if options.also:
+        return _localize_in_several(options, photo)
+    if options.memory is not None:
+        options.parser.error("--memory needs --also")
     with Localizer(
         open_map(options.map),
         LocalizerSettings(retrieval_model=options.retrieval_model),
@@ -145,10 +167,37 @@ def _localize_photo(options: argparse.Namespace) -> int:
         show_progress(),
     ) as localizer:
         found = localize_one(localizer, photo, prior)
-    if camera is None and found.camera is not None:
+    return _show(options, found, found.as_json(), prior)
+
+
+def _localize_in_several(options: argparse.Namespace, photo: OnePhoto) -> int:
+    if options.prior is not None:
+        options.parser.error("--prior belongs to one map, and --also names others")
+    order = shelf_order(
+        [options.map, *options.also],
+        LocalizerSettings(retrieval_model=options.retrieval_model),
+        options.matcher,
+        options.backend,
+        None if options.memory is None else int(1e9 * options.memory),
+    )
+    with Shelf(order) as shelf, Building(shelf) as building:
+        placed = building.localize(photo)
+    print(f"looked for in: {', '.join(placed.tried)}", file=sys.stderr)
+    if placed.found.localized:
+        print(f"found in {placed.map}", file=sys.stderr)
+    return _show(options, placed.found, placed.as_json(), None)
+
+
+def _show(
+    options: argparse.Namespace,
+    found: OneResult,
+    details: Mapping[str, Any],
+    prior: PosePrior | None,
+) -> int:
+    """Prints the answer; the exit status."""
+    if options.camera is None and found.camera is not None:
         text = found.camera.colmap_text().replace(" ", ",")
         print(f"camera estimated: {text}", file=sys.stderr)
-    details = found.as_json()
     if prior is not None and details["started_from"] == "reference":
         print("the prior led to no pose; the reference photos did", file=sys.stderr)
     if options.json:

@@ -141,7 +141,8 @@ class TrackerProcess:
 
     def _ask(self, job: FrameJob) -> dict[str, Any]:
         worker = self._opened()
-        answer = self._next() if worker.give(job) else None
+        worker.give_large(job)
+        answer = self._next()
         worker.job = None
         if isinstance(answer, Answer):
             content: dict[str, Any] = answer.content
