@@ -14,6 +14,7 @@ from collections import deque
 from concurrent.futures import Future, InvalidStateError
 from typing import Any
 
+from gscpe.batch.instructions import TIMEOUT
 from gscpe.batch.processes import Answer, Message, ProcessPool, ProcessWorker, Start, Told
 from gscpe.closing import Closing
 from gscpe.errors import GscpeError, WorkerError
@@ -72,7 +73,8 @@ class Staff(Closing):
         self, start: Start, workers: int, threads: int, limits: Limits, metrics: Metrics
     ) -> None:
         self._limits, self._metrics, self._count = limits, metrics, workers
-        self._pool = ProcessPool(start, workers, threads, limits.seconds)
+        # To start, a worker may take as long as one of a batch: a map may be large.
+        self._pool = ProcessPool(start, workers, threads, max(TIMEOUT, limits.seconds))
         self.description = f"{workers} processes, each: {self._pool.description}"
         self._lock = threading.Lock()
         self._waiting: deque[Ticket] = deque()
