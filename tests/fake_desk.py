@@ -11,7 +11,7 @@ from typing import Any
 
 from gscpe.batch.processes import Talk
 from gscpe.errors import PhotoError, RenderError
-from gscpe.service.desk import DECODED, LocalizeJob
+from gscpe.service.desk import DECODED, DECODING, LocalizeJob
 from gscpe.service.problem import problem_of
 
 
@@ -30,6 +30,7 @@ class FakeDesk:
 
     def work(self, job: Any, talk: Talk) -> Any:
         what, _, rest = job.photo.decode().partition(" ")
+        talk.tell(DECODING)
         if what == "slow-decode":
             time.sleep(100)
         talk.tell(DECODED)

@@ -79,8 +79,12 @@ def main() -> int:
             wrong += mistakes(ask_all(client, name, data, some, options.clients), expected)
             done += len(some)
             memory.append(megabytes(pid))
-        print(f"\n{done} requests of {options.clients} clients at once: {wrong} answers wrong")
-        print(f"memory of all processes, MB: {', '.join(f'{m:.0f}' for m in memory)}")
+        print(
+            f"\n{done} requests of {options.clients} clients at once: {wrong} answers wrong",
+            flush=True,
+        )
+        sizes = ", ".join(f"{size:.0f}" for size in memory)
+        print(f"memory of all processes, MB: {sizes}", flush=True)
         statuses = mutate(url, name, data, queries[0], options.mutated)
         print(f"{options.mutated} mutated requests: {dict(sorted(statuses.items()))}")
         wrong += sum(count for status, count in statuses.items() if status >= 500)

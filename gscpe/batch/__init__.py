@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Localizes lists of photos: what is finished is on disk, and the work is done by a crew."""
 
+from gscpe.batch.building import MAPS_TRIED, Building, PlacedResult
 from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details, result_details
@@ -8,18 +9,24 @@ from gscpe.batch.instructions import TIMEOUT, Fingerprint, Instructions
 from gscpe.batch.one_photo import OnePhoto, OneResult, localize_one
 from gscpe.batch.priors import read_priors
 from gscpe.batch.record import keep_a_copy, localize_list, localize_with
+from gscpe.batch.shelf import Shelf, ShelfOrder, shelf_order
 from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, write_poses
 from gscpe.batch.worker import Worker
 
 __all__ = [
+    "Building",
     "Crew",
     "Detail",
     "Fingerprint",
     "Instructions",
     "ListFiles",
+    "MAPS_TRIED",
     "OnePhoto",
     "OneResult",
+    "PlacedResult",
     "SerialCrew",
+    "Shelf",
+    "ShelfOrder",
     "TIMEOUT",
     "Worker",
     "check_outputs",
@@ -33,5 +40,6 @@ __all__ = [
     "read_details",
     "read_priors",
     "result_details",
+    "shelf_order",
     "write_poses",
 ]

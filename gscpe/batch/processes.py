@@ -215,6 +215,7 @@ class ProcessWorker:
         self.ready = False
         self.hung = False
         self.job: Any = None
+        self._sender: threading.Thread | None = None
         self.timeout = timeout
         self._since = time.monotonic()
         self._seconds = timeout
@@ -247,6 +248,18 @@ class ProcessWorker:
         self.allow(self.timeout)
         return True
 
+    def give_large(self, job: Any) -> None:
+        """As :meth:`give`, of a job that does not fit into the pipe at once: a worker that hangs
+        would not take it, so that a thread waits for that. Its death is noticed as any other."""
+        self.job = job
+        self.allow(self.timeout)
+        self._sender = threading.Thread(target=self._send, args=(job,), daemon=True)
+        self._sender.start()
+
+    def _send(self, job: Any) -> None:
+        with contextlib.suppress(OSError):
+            self.pipe.send(job)
+
     def allow(self, seconds: float) -> None:
         """From now on, it may take so long for what it does."""
         self._since, self._seconds = time.monotonic(), seconds
@@ -259,8 +272,9 @@ class ProcessWorker:
 
     def call_off(self, patience: float) -> None:
         """Asks it to stop; it is replaced where it does not within so many seconds."""
-        with contextlib.suppress(OSError):  # its end is noticed elsewhere
-            self.pipe.send(Stop())
+        if self._sender is None or not self._sender.is_alive():
+            with contextlib.suppress(OSError):  # its end is noticed elsewhere
+                self.pipe.send(Stop())
         self.allow(min(patience, max(0.0, self.seconds_left())))
 
     def give_up(self) -> None:
@@ -298,9 +312,11 @@ class ProcessWorker:
 
     def stop(self) -> None:
         """Ends it: an idle one by itself, a busy one at once."""
-        self.pipe.close()
         if self.job is not None or not self.ready:
             self._process.kill()
+        if self._sender is not None:
+            self._sender.join()  # nothing reads any more, or all was read
+        self.pipe.close()
         self._process.join(_PATIENCE)
         if self._process.is_alive():
             self._process.kill()

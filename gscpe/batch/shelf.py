@@ -15,6 +15,7 @@ from gscpe.batch.instructions import map_fingerprint
 from gscpe.closing import Closing
 from gscpe.errors import MapError
 from gscpe.localization import Localizer, LocalizerSettings
+from gscpe.matching import matcher_name
 from gscpe.scene import open_map
 
 
@@ -36,6 +37,35 @@ class ShelfOrder:
     matcher: str
     backend: str
     memory: int | None = None
+
+
+def shelf_order(
+    folders: list[str],
+    settings: LocalizerSettings | None = None,
+    matcher: str = "auto",
+    backend: str = "auto",
+    memory: int | None = None,
+) -> ShelfOrder:
+    """An order of the maps as they are now.
+
+    Args:
+        folders: of the maps.
+        settings, matcher, backend: of the localizers; the matcher by its name.
+        memory: see :class:`ShelfOrder`.
+
+    Raises:
+        MapError: a folder is no map, or two have the same name.
+        ModelError, SettingsError: the matcher is none.
+    """
+    named = named_maps(folders)
+    return ShelfOrder(
+        folders=named,
+        fingerprints={name: map_fingerprint(folder) for name, folder in named.items()},
+        settings=settings or LocalizerSettings(),
+        matcher=matcher if matcher.startswith("onnx:") else matcher_name(matcher),
+        backend=backend,
+        memory=memory,
+    )
 
 
 def named_maps(folders: list[str]) -> dict[str, Path]:
@@ -62,11 +92,11 @@ class Shelf(Closing):
     """Opens maps when they are needed.
 
     Args:
-        order: what to open.
+        order: what to open; it is kept.
     """
 
     def __init__(self, order: ShelfOrder) -> None:
-        self._order = order
+        self.order = order
         self._open: OrderedDict[str, Localizer] = OrderedDict()
 
     @property
@@ -84,7 +114,7 @@ class Shelf(Closing):
         if name in self._open:
             self._open.move_to_end(name)
             return self._open[name]
-        order, folder = self._order, self._order.folders[name]
+        order, folder = self.order, self.order.folders[name]
         if map_fingerprint(folder) != order.fingerprints[name]:
             raise MapError(f"map {folder} has changed since the start; start again")
         self._make_room(map_bytes(folder))
@@ -93,14 +123,14 @@ class Shelf(Closing):
         return localizer
 
     def _make_room(self, needed: int) -> None:
-        if self._order.memory is None:
+        if self.order.memory is None:
             return
-        while self._open and needed + self._taken() > self._order.memory:
+        while self._open and needed + self._taken() > self.order.memory:
             _, oldest = self._open.popitem(last=False)
             oldest.close()
 
     def _taken(self) -> int:
-        return sum(map_bytes(self._order.folders[name]) for name in self._open)
+        return sum(map_bytes(self.order.folders[name]) for name in self._open)
 
     def close(self) -> None:
         while self._open:

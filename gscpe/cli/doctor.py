@@ -31,6 +31,7 @@ _OPTIONAL = {
     "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
     "onnx": "making trained networks: gscpe models install",
     "rosbags": "following cameras in ROS bags",
+    "fastapi": "poses over HTTP: gscpe serve",
     "pycolmap": "its RANSAC, in place of OpenCV's",
 }
 _CAMERA = Camera.pinhole(64, 48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

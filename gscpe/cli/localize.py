@@ -11,14 +11,19 @@ from typing import Any, Mapping, Sequence
 from tqdm import tqdm
 
 from gscpe.batch import (
+    MAPS_TRIED,
     TIMEOUT,
+    Building,
     Instructions,
     ListFiles,
     OnePhoto,
+    OneResult,
+    Shelf,
     check_outputs,
     localize_one,
     localize_to_files,
     read_priors,
+    shelf_order,
 )
 from gscpe.cli.common import (
     CAMERA_HELP,
@@ -52,6 +57,19 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument(
         "--json", action="store_true", help="print everything about the one photo as JSON"
+    )
+    parser.add_argument(
+        "--also",
+        metavar="MAP",
+        action="append",
+        help="another map to look for the one photo in; may be repeated: the maps with the most "
+        f"similar reference photos, {MAPS_TRIED} at most, are opened, until it is found",
+    )
+    parser.add_argument(
+        "--memory",
+        metavar="GB",
+        type=float,
+        help="with --also: maps that are held at a time, at most (default: all that are opened)",
     )
     parser.add_argument(
         "--prior",
@@ -122,7 +140,7 @@ def run(options: argparse.Namespace) -> int:
         parser.error(
             "give either one photo, or many: --queries with --images, or --images with --camera"
         )
-    one = {"json", "prior"}
+    one = {"json", "prior", "also", "memory"}
     many = {
         *("images", "output", "coarse_output", "details"),
         *("resume", "priors", "workers", "scheduler", "timeout"),
@@ -145,9 +163,13 @@ def run(options: argparse.Namespace) -> int:
 def _localize_photo(options: argparse.Namespace) -> int:
     camera = None if options.camera is None else Camera.parse(options.camera)
     prior = _prior(options)
-    path = Path(options.photo)
-    _check_pictures(options.pictures, path.parent, [path.name])
-    photo = OnePhoto.decode(photo_bytes(options.photo), options.photo, camera)
+    photo = Path(options.photo)
+    _check_pictures(options.pictures, photo.parent, [photo.name])
+    one = OnePhoto.decode(photo_bytes(photo), photo, camera)
+    if options.also:
+        return _localize_in_several(options, one)
+    if options.memory is not None:
+        options.parser.error("--memory needs --also")
     with Localizer(
         open_map(options.map),
         LocalizerSettings(retrieval_model=options.retrieval_model),
@@ -155,13 +177,54 @@ def _localize_photo(options: argparse.Namespace) -> int:
         options.backend,
         show_progress(),
     ) as localizer:
-        found = localize_one(localizer, photo, prior)
+        found = localize_one(localizer, one, prior)
         details = found.as_json()
-        if options.pictures is not None and found.camera is not None:
-            strip = strip_path(Path(options.pictures), path.name)
-            write_image(strip, compare(details, photo.image, found.camera, localizer).strip())
-            print(f"{strip}: photo, render and difference", file=sys.stderr)
-    if camera is None and found.camera is not None:
+        _write_picture(options, one, found, details, localizer)
+    return _show(options, found, details, prior)
+
+
+def _localize_in_several(options: argparse.Namespace, photo: OnePhoto) -> int:
+    if options.prior is not None:
+        options.parser.error("--prior belongs to one map, and --also names others")
+    order = shelf_order(
+        [options.map, *options.also],
+        LocalizerSettings(retrieval_model=options.retrieval_model),
+        options.matcher,
+        options.backend,
+        None if options.memory is None else int(1e9 * options.memory),
+    )
+    with Shelf(order) as shelf, Building(shelf) as building:
+        placed = building.localize(photo)
+        details = placed.as_json()
+        _write_picture(options, photo, placed.found, details, shelf.localizer(placed.map))
+    print(f"looked for in: {', '.join(placed.tried)}", file=sys.stderr)
+    if placed.found.localized:
+        print(f"found in {placed.map}", file=sys.stderr)
+    return _show(options, placed.found, details, None)
+
+
+def _write_picture(
+    options: argparse.Namespace,
+    photo: OnePhoto,
+    found: OneResult,
+    details: Mapping[str, Any],
+    localizer: Localizer,
+) -> None:
+    if options.pictures is None or found.camera is None:
+        return
+    path = strip_path(Path(options.pictures), Path(options.photo).name)
+    write_image(path, compare(details, photo.image, found.camera, localizer).strip())
+    print(f"{path}: photo, render and difference", file=sys.stderr)
+
+
+def _show(
+    options: argparse.Namespace,
+    found: OneResult,
+    details: Mapping[str, Any],
+    prior: PosePrior | None,
+) -> int:
+    """Prints the answer; the exit status."""
+    if options.camera is None and found.camera is not None:
         text = found.camera.colmap_text().replace(" ", ",")
         print(f"camera estimated: {text}", file=sys.stderr)
     if prior is not None and details["started_from"] == "reference":
@@ -171,11 +234,11 @@ def _localize_photo(options: argparse.Namespace) -> int:
     elif found.localized:
         print(details["cam_from_world"], flush=True)
         if found.result is not None and found.result.covariance is not None:
-            # apart from the pose, which programs read
+            # Apart from the pose, which programs read.
             deviations = deviations_text(found.result.covariance)
             print(f"standard deviations: {deviations}", file=sys.stderr)
     else:
-        print(f"{found.name}: not localized: {found.reason}", file=sys.stderr)
+        print(f"{options.photo}: not localized: {found.reason}", file=sys.stderr)
     return 0 if found.localized else 1
 
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING
 
+from gscpe.batch import ShelfOrder, shelf_order
 from gscpe.cli.common import Commands, add_backend, add_matcher, positive
 from gscpe.errors import SettingsError
 from gscpe.localization import LocalizerSettings
 from gscpe.service.limits import Limits
+
+if TYPE_CHECKING:
+    from gscpe.service.service import ServiceSettings
 
 
 def add_parser(commands: Commands) -> None:
@@ -99,13 +103,13 @@ def run(options: argparse.Namespace) -> int:
     require_packages()
     from gscpe.service.access import check_exposure, read_token
     from gscpe.service.server import listen, make_server
-    from gscpe.service.service import Service, service_order
+    from gscpe.service.service import Service
 
     if (options.certificate is None) != (options.key is None):
         raise SettingsError("give --certificate and --key together")
     token = None if options.token_file is None else read_token(options.token_file)
     check_exposure(options.host, token, options.insecure)
-    order = service_order(
+    order = shelf_order(
         options.maps,
         LocalizerSettings(retrieval_model=options.retrieval_model),
         options.matcher,
@@ -131,7 +135,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _settings(options: argparse.Namespace, token: str | None, order: Any) -> Any:
+def _settings(options: argparse.Namespace, token: str | None, order: ShelfOrder) -> ServiceSettings:
     from gscpe.service.service import ServiceSettings, choose_service_workers
 
     limits = Limits(

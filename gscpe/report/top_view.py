@@ -147,7 +147,8 @@ def map_from_above(map_: Map, marks: int = 400) -> dict[str, Any]:
 
     Returns:
         ``drawing``: text of an ``svg`` element; ``width`` and ``height`` of its view box;
-        ``pixel_from_world``: (2, 4), from homogeneous world points to its pixels; ``caption``.
+        ``pixel_from_world``: (2, 4), from homogeneous world points to its pixels;
+        ``metres_per_unit``, or None; ``caption``.
     """
     poses = map_.references.cam_from_world.reshape(-1, 4, 4)
     means = map_.scene.means.astype(np.float64)
@@ -173,6 +174,7 @@ def map_from_above(map_: Map, marks: int = 400) -> dict[str, Any]:
         "width": _WIDTH,
         "height": frame.height,
         "pixel_from_world": (np.diag([frame.scale, -frame.scale]) @ flat).tolist(),
+        "metres_per_unit": map_.metres_per_unit,
         "caption": plane.why,
     }
 

@@ -66,10 +66,10 @@ class VladDescriber:
     """Implements :class:`gscpe.retrieval.GlobalDescriber` with a vocabulary, (K, C)."""
 
     def __init__(self, local_descriptors: LocalDescriptors, vocabulary: Float32Array) -> None:
-        self._local_descriptors = local_descriptors
-        self._vocabulary = vocabulary
+        self.local_descriptors = local_descriptors
+        self.vocabulary = vocabulary
 
     def describe(
         self, rgb: UInt8Array, local: XFeatFeatures | None = None, valid: BoolArray | None = None
     ) -> Float32Array:
-        return aggregate(self._local_descriptors(rgb, local, valid), self._vocabulary)
+        return aggregate(self.local_descriptors(rgb, local, valid), self.vocabulary)

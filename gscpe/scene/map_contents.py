@@ -72,6 +72,24 @@ def from_contents(contents: Mapping[str, bytes], folder: Path) -> Map:
     )
 
 
+REFERENCE_FILES = (_REFERENCES, _RETRIEVAL)
+"""What retrieval needs."""
+
+
+def references_from_contents(
+    contents: Mapping[str, bytes],
+) -> tuple[References, GlobalDescriptors]:
+    """References, in the map's frame, and their descriptors; without the Gaussians.
+
+    Raises:
+        Exception: whatever parsers raise where a file is damaged.
+    """
+    return (
+        _references_from_json(contents[_REFERENCES]),
+        _retrieval_from_npz(contents[_RETRIEVAL]),
+    )
+
+
 def _plain_gaussians(map_: Map) -> dict[str, bytes]:
     arrays = _scene_arrays(map_.scene)
     arrays["near"] = np.array(map_.scene.near)

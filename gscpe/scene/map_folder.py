@@ -21,9 +21,12 @@ from gscpe.scene.map_contents import (
     COMPRESSED,
     GAUSSIANS,
     PLAIN,
+    REFERENCE_FILES,
     from_contents,
+    references_from_contents,
     to_contents,
 )
+from gscpe.scene.references import GlobalDescriptors, References
 from gscpe.scene.splat_formats import require_gaussforge
 
 FORMAT = "gscpe map"
@@ -116,6 +119,22 @@ def open_map(folder: str | Path) -> Map:
         return from_contents(contents, folder)
     except MissingDependencyError:
         raise
+    except Exception as error:  # parsers raise KeyError, BadZipFile, EOFError, AttributeError, ...
+        raise MapError(f"map {folder} is damaged ({error}); build it again") from error
+
+
+def open_references(folder: str | Path) -> tuple[References, GlobalDescriptors]:
+    """What retrieval needs of a map: its references, in the map's frame, and their descriptors.
+    The Gaussians are not read.
+
+    Raises:
+        MapError: as :func:`open_map`.
+    """
+    folder = Path(folder)
+    files = _read_manifest(folder)["files"]
+    contents = {name: _read_checked(folder, name, files) for name in REFERENCE_FILES}
+    try:
+        return references_from_contents(contents)
     except Exception as error:  # parsers raise KeyError, BadZipFile, EOFError, AttributeError, ...
         raise MapError(f"map {folder} is damaged ({error}); build it again") from error
 

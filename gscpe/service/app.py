@@ -15,7 +15,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
 from gscpe import __version__
-from gscpe.errors import GscpeError, PhotoError
+from gscpe.errors import GscpeError, PhotoError, PoseError
 from gscpe.service import forms
 from gscpe.service.desk import LocalizeJob, RenderJob
 from gscpe.service.guard import App, Guard
@@ -108,6 +108,19 @@ def _add_maps(app: FastAPI, service: Service) -> None:
         service.photo_done(map_name, answer, begin)
         return answer
 
+    @app.post("/v1/localize", openapi_extra=_FORM)
+    async def localize_anywhere(request: Request) -> dict[str, Any]:
+        """The same, looked for in all maps: in the most similar ones, until it is found;
+        `map_name` says where. A prior cannot be given."""
+        begin = time.monotonic()
+        with service.gate.passed():
+            job = await _job("", request, service.limits)
+            if job.prior is not None:
+                raise PoseError("a prior belongs to one map: ask that map")
+            answer: dict[str, Any] = await service.answer(job, _gone(request))
+        service.photo_done(str(answer["map_name"]), answer, begin)
+        return answer
+
     @app.get("/v1/maps/{map_name}/render", response_class=Response)
     async def render(map_name: str, camera: str, cam_from_world: str, request: Request) -> Response:
         """The map as a camera sees it, a JPEG of at most 1280 pixels a side."""
@@ -126,7 +139,8 @@ def _add_maps(app: FastAPI, service: Service) -> None:
     @app.get("/v1/maps/{map_name}/above")
     async def above(map_name: str, request: Request) -> dict[str, Any]:
         """The map from above: `drawing`, the text of an SVG; `width` and `height` of its view box;
-        `pixel_from_world`, 2x4, from homogeneous points to its pixels; `caption`."""
+        `pixel_from_world`, 2x4, from homogeneous points to its pixels; `metres_per_unit`;
+        `caption`."""
         service.check_map(map_name)
         with service.gate.passed():
             return await service.above(map_name, _gone(request))

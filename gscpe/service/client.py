@@ -62,7 +62,7 @@ class Client(Closing):
 
     def localize(
         self,
-        map_: str,
+        map_: str | None,
         photo: str | Path | bytes,
         camera: Camera | str | None = None,
         prior: PosePrior | None = None,
@@ -70,7 +70,7 @@ class Client(Closing):
         """Where a photo was taken: what ``gscpe localize --json`` prints (docs/formats.md).
 
         Args:
-            map_: the name of a map.
+            map_: the name of a map; None: all, and ``map_name`` of the answer says which.
             photo: path of an image file, or its bytes.
             camera: or its text, or None: the focal length is estimated.
             prior: approximate pose.
@@ -87,9 +87,8 @@ class Client(Closing):
             form["prior"] = format_pose(prior.cam_from_world)
             form["prior_sigma"] = f"{prior.translation_sigma} {prior.rotation_sigma_degrees}"
         files = {"photo": (name, data, "application/octet-stream")}
-        answer: dict[str, Any] = self._ask(
-            "POST", f"/v1/maps/{map_}/localize", data=form, files=files
-        )
+        address = "/v1/localize" if map_ is None else f"/v1/maps/{map_}/localize"
+        answer: dict[str, Any] = self._ask("POST", address, data=form, files=files)
         return answer
 
     def _ask(self, method: str, path: str, **content: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 
 from gscpe.arrays import BoolArray, Float64Array
+from gscpe.batch.building import Building
 from gscpe.batch.one_photo import OnePhoto, localize_one
 from gscpe.batch.processes import Talk
 from gscpe.batch.shelf import Shelf, ShelfOrder
@@ -26,15 +27,16 @@ from gscpe.service.problem import Problem, failed, problem_of, too_large
 
 _log = logging.getLogger(__name__)
 
-DECODED = "decoded"
-"""What a worker tells once a photo's pixels are there."""
+DECODING, DECODED = "decoding", "decoded"
+"""What a worker tells when it begins with a photo, and once its pixels are there."""
 
 _QUALITY = 88
 
 
 @dataclass(frozen=True, eq=False)
 class LocalizeJob:
-    """A photo: the bytes of a file, what messages call it, its camera, and a prior."""
+    """A photo: the bytes of a file, what messages call it, its camera, and a prior. Without the
+    name of a map, it is looked for in all."""
 
     map: str
     photo: bytes
@@ -67,6 +69,7 @@ class Desk(Closing):
 
     def __init__(self, shelf: Shelf, description: str) -> None:
         self._shelf = shelf
+        self._building: Building | None = None
         self.description = description
 
     @classmethod
@@ -102,15 +105,24 @@ class Desk(Closing):
 
     def _work(self, job: Job, talk: Talk) -> Any:
         if isinstance(job, LocalizeJob):
+            talk.tell(DECODING)
             photo = OnePhoto.decode(job.photo, job.name, job.camera)
             talk.tell(DECODED)
             talk.stop_if_told()
+            if not job.map:
+                return self._all_maps().localize(photo, _Watching(talk)).as_json()
             localizer = self._shelf.localizer(job.map)
             return localize_one(localizer, photo, job.prior, _Watching(talk)).as_json()
         localizer = self._shelf.localizer(job.map)
         if isinstance(job, RenderJob):
             return rendered(localizer, job.camera, job.cam_from_world)
         return map_from_above(localizer.map)
+
+    def _all_maps(self) -> Building:
+        """Made when it is first needed."""
+        if self._building is None:
+            self._building = Building(self._shelf)
+        return self._building
 
     def close(self) -> None:
         self._shelf.close()

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, TypeVar
 
+from gscpe.batch.instructions import TIMEOUT
 from gscpe.batch.one_photo import OnePhoto
 from gscpe.batch.processes import Answer, ProcessWorker, Ready, Talk
 from gscpe.batch.shelf import Shelf, ShelfOrder
@@ -133,15 +134,18 @@ class TrackerProcess:
             if not self._lives:
                 raise ConnectionError("the tracker died too often")
             self._lives -= 1
-            self._worker = ProcessWorker(self._start, self._threads, self._limits.seconds, True)
+            seconds = self._limits.seconds
+            self._worker = ProcessWorker(self._start, self._threads, max(TIMEOUT, seconds), True)
             if not isinstance(self._next(), Ready):
                 self.close()
                 raise ConnectionError("the tracker does not start")
+            self._worker.timeout = seconds
         return self._worker
 
     def _ask(self, job: FrameJob) -> dict[str, Any]:
         worker = self._opened()
-        answer = self._next() if worker.give(job) else None
+        worker.give_large(job)
+        answer = self._next()
         worker.job = None
         if isinstance(answer, Answer):
             content: dict[str, Any] = answer.content

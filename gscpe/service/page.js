@@ -34,7 +34,9 @@ const address = (what) => "v1/maps/" + encodeURIComponent($("map").value) + "/" 
 
 async function loadMaps() {
   const maps = await (await ask("v1/maps")).json();
-  $("map").replaceChildren(...maps.map((map) => new Option(map.name, map.name)));
+  const options = maps.map((map) => new Option(map.name, map.name));
+  if (maps.length > 1) options.unshift(new Option("any map", ""));
+  $("map").replaceChildren(...options);
   $("map-label").hidden = maps.length < 2;
   await loadView();
 }
@@ -42,6 +44,7 @@ async function loadMaps() {
 async function loadView() {
   view = null;
   $("above").hidden = true;
+  if (!$("map").value) return;
   const loaded = await (await ask(address("above"))).json();
   $("drawing").innerHTML = loaded.drawing; // of the server itself
   $("caption").textContent = "Seen from above; grey: reference photos.";
@@ -89,12 +92,19 @@ function showFacts(rows) {
   }));
 }
 
+// Whole numbers stay; others get so many decimals.
+function rounded(text, decimals) {
+  return (text || "").replace(/-?\d+\.\d+(e-?\d+)?/g, (word) => Number(word).toFixed(decimals));
+}
+
 function sigmas(covariance) {
   if (!covariance) return "";
   const d = covariance.map((row, i) => Math.sqrt(row[i]));
   const length = Math.hypot(d[0], d[1], d[2]);
   const degrees = Math.hypot(d[3], d[4], d[5]) * 180 / Math.PI;
-  return length.toPrecision(2) + " units, " + degrees.toPrecision(2) + "°";
+  const unit = view?.metres_per_unit;
+  const size = unit ? (100 * unit * length).toPrecision(2) + " cm, " : length.toPrecision(2) + " units, ";
+  return size + degrees.toPrecision(2) + "°";
 }
 
 async function showRender(answer, mine) {
@@ -110,13 +120,26 @@ function showAnswer(answer) {
   say(found ? "Found." : "Not found: " + answer.reason, found ? "good" : "bad");
   showPlace(answer.matrix, answer.camera || "");
   showFacts([
-    ["Pose", answer.cam_from_world],
+    ["Pose", rounded(answer.cam_from_world, 4)],
     ["Standard deviations", sigmas(answer.covariance)],
     ["Began at", answer.reference],
-    ["Camera", answer.camera],
+    ["Camera", rounded(answer.camera, 1)],
     ["Seconds", answer.seconds.total === undefined ? "" : answer.seconds.total.toFixed(2)],
   ]);
   return found;
+}
+
+// Asks where a picture was taken; where any map may show it, the one that does is shown.
+async function find(picture, name) {
+  if (!$("map").options.length) await loadMaps();
+  const form = new FormData();
+  form.append("photo", picture, name);
+  if ($("camera").value.trim()) form.append("camera", $("camera").value);
+  const path = $("map").value ? address("localize") : "v1/localize";
+  const answer = await (await ask(path, { method: "POST", body: form })).json();
+  if (answer.map_name && answer.status === "localized") $("map").value = answer.map_name;
+  if (!view) await loadView();
+  return answer;
 }
 
 async function localize(file) {
@@ -131,11 +154,7 @@ async function localize(file) {
   showPlace(null);
   say("Looking for the place …", "busy");
   try {
-    if (!view) await loadMaps();
-    const form = new FormData();
-    form.append("photo", file, file.name || "photo.jpg");
-    if ($("camera").value.trim()) form.append("camera", $("camera").value);
-    const answer = await (await ask(address("localize"), { method: "POST", body: form })).json();
+    const answer = await find(file, file.name || "photo.jpg");
     if (mine !== turn) return;
     if (showAnswer(answer)) await showRender(answer, mine);
   } catch (error) {
@@ -163,7 +182,6 @@ async function live() {
   if (stream) { ++turn; stopLive(); say(""); return; }
   const mine = ++turn;
   try {
-    if (!view) await loadMaps();
     stream = await navigator.mediaDevices.getUserMedia({ video: { facingMode: "environment" } });
     const video = $("video"), canvas = document.createElement("canvas");
     video.srcObject = stream;
@@ -175,10 +193,7 @@ async function live() {
     let answer = null;
     while (mine === turn && (!answer || answer.status !== "localized")) {
       if (!answer) say("Looking for the place …", "busy");
-      const form = new FormData();
-      form.append("photo", await frameOf(video, canvas), "frame.jpg");
-      if ($("camera").value.trim()) form.append("camera", $("camera").value);
-      answer = await (await ask(address("localize"), { method: "POST", body: form })).json();
+      answer = await find(await frameOf(video, canvas), "frame.jpg");
       if (mine === turn && showAnswer(answer)) await showRender(answer, mine);
     }
     if (mine === turn) await track(answer.camera, video, canvas, mine);
@@ -204,7 +219,7 @@ function track(camera, video, canvas, mine) {
         const found = Boolean(answer.matrix);
         say(found ? "Following the camera." : "Lost: " + answer.reason, found ? "good" : "bad");
         showPlace(answer.matrix, camera);
-        showFacts([["Pose", answer.cam_from_world], ["Standard deviations", sigmas(answer.covariance)],
+        showFacts([["Pose", rounded(answer.cam_from_world, 4)], ["Standard deviations", sigmas(answer.covariance)],
           ["Milliseconds", String(answer.milliseconds ?? "")]]);
       }
       socket.send(await (await frameOf(video, canvas)).arrayBuffer());

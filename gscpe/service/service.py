@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any, Awaitable, Mapping
 
 from gscpe.batch.choose import choose_workers
-from gscpe.batch.instructions import Fingerprint, Instructions, map_fingerprint
+from gscpe.batch.instructions import Fingerprint, Instructions
 from gscpe.batch.processes import Start
-from gscpe.batch.shelf import ShelfOrder, map_bytes, named_maps
+from gscpe.batch.shelf import ShelfOrder, map_bytes
 from gscpe.closing import Closing
 from gscpe.cores import available_cores
 from gscpe.errors import MapError
-from gscpe.localization import LocalizerSettings
-from gscpe.matching import matcher_name
 from gscpe.service.desk import AboveJob, Desk, Job
 from gscpe.service.gate import Gate
 from gscpe.service.limits import Limits
@@ -45,30 +43,6 @@ class ServiceSettings:
     insecure: bool = False
     workers: int = 1
     limits: Limits = field(default_factory=Limits)
-
-
-def service_order(
-    folders: list[str],
-    settings: LocalizerSettings | None = None,
-    matcher: str = "auto",
-    backend: str = "auto",
-    memory: int | None = None,
-) -> ShelfOrder:
-    """What the workers open: the maps as they are now.
-
-    Raises:
-        MapError: a folder is no map, or two have the same name.
-        ModelError, SettingsError: the matcher is none.
-    """
-    named = named_maps(folders)
-    return ShelfOrder(
-        folders=named,
-        fingerprints={name: map_fingerprint(folder) for name, folder in named.items()},
-        settings=settings or LocalizerSettings(),
-        matcher=matcher if matcher.startswith("onnx:") else matcher_name(matcher),
-        backend=backend,
-        memory=memory,
-    )
 
 
 class Service(Closing):

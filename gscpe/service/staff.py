@@ -14,10 +14,11 @@ from collections import deque
 from concurrent.futures import Future, InvalidStateError
 from typing import Any
 
+from gscpe.batch.instructions import TIMEOUT
 from gscpe.batch.processes import Answer, Message, ProcessPool, ProcessWorker, Start, Told
 from gscpe.closing import Closing
 from gscpe.errors import GscpeError, WorkerError
-from gscpe.service.desk import DECODED, Job, LocalizeJob
+from gscpe.service.desk import DECODING, Job, LocalizeJob
 from gscpe.service.limits import Limits
 from gscpe.service.metrics import Metrics
 from gscpe.service.problem import Problem, busy, too_slow
@@ -72,7 +73,8 @@ class Staff(Closing):
         self, start: Start, workers: int, threads: int, limits: Limits, metrics: Metrics
     ) -> None:
         self._limits, self._metrics, self._count = limits, metrics, workers
-        self._pool = ProcessPool(start, workers, threads, limits.seconds)
+        # To start, a worker may take as long as one of a batch: a map may be large.
+        self._pool = ProcessPool(start, workers, threads, max(TIMEOUT, limits.seconds))
         self.description = f"{workers} processes, each: {self._pool.description}"
         self._lock = threading.Lock()
         self._waiting: deque[Ticket] = deque()
@@ -184,16 +186,11 @@ class Staff(Closing):
                 self._waiting.remove(ticket)
                 self._at_work[worker] = ticket
             ticket.tries += 1
-            if not worker.give(ticket.job):  # its death is noticed in a moment
-                ticket.tries -= 1
-                with self._lock:
-                    del self._at_work[worker]
-                    self._waiting.appendleft(ticket)
-                continue
+            worker.give_large(ticket.job)
             self._last_map[worker] = ticket.job.map
-            ticket.decoding = isinstance(ticket.job, LocalizeJob)
-            if ticket.decoding:
-                worker.allow(self._limits.decode_seconds)
+            worker.allow(self._limits.seconds)
+            if isinstance(ticket.job, LocalizeJob):  # which is told as soon as it is taken
+                worker.allow(min(self._limits.seconds, self._limits.decode_seconds))
 
     def _chosen(self, worker: ProcessWorker) -> Ticket:
         """The first one, or one of the next few for the map that this worker has open."""
@@ -207,9 +204,8 @@ class Staff(Closing):
     def _hear(self, worker: ProcessWorker, message: Message | None) -> None:
         ticket = self._at_work.get(worker)
         if isinstance(message, Told):
-            if message.news == DECODED and ticket is not None:
-                ticket.decoding = False
-                worker.allow(_GRACE if ticket.called_off else self._limits.seconds)
+            if ticket is not None:
+                self._told(worker, ticket, message.news)
         elif isinstance(message, Answer):
             worker.job = None
             with self._lock:
@@ -221,6 +217,11 @@ class Staff(Closing):
                 self._at_work.pop(worker, None)
             self._last_map.pop(worker, None)
             self._bury(worker, ticket, message)
+
+    def _told(self, worker: ProcessWorker, ticket: Ticket, news: Any) -> None:
+        ticket.decoding = news == DECODING
+        seconds = self._limits.decode_seconds if ticket.decoding else self._limits.seconds
+        worker.allow(min(seconds, _GRACE) if ticket.called_off else seconds)
 
     def _bury(self, worker: ProcessWorker, ticket: Ticket | None, error: Exception | None) -> None:
         hung = worker.hung
@@ -239,6 +240,7 @@ class Staff(Closing):
         if hung and ticket.decoding:
             ticket.answer(_never_decoded(ticket.job, self._limits))
         elif ticket.tries < _TRIES:
+            ticket.decoding = False
             with self._lock:
                 self._waiting.appendleft(ticket)
         else:

@@ -14,10 +14,11 @@ from fake_desk import FakeDesk
 from scenes import ROOM_POSE
 from serving import Serving, serving
 
+from gscpe.batch import shelf_order
 from gscpe.geometry import pose_difference, se3
 from gscpe.scene.poses.hloc import parse_pose
 from gscpe.service.limits import Limits
-from gscpe.service.service import Service, ServiceSettings, service_order
+from gscpe.service.service import Service, ServiceSettings
 
 pytest.importorskip("fastapi")
 connect = pytest.importorskip("websockets.sync.client").connect
@@ -33,7 +34,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RoomFolder:
 
 @pytest.fixture(scope="module")
 def server(room: RoomFolder) -> Iterator[Serving]:
-    order = service_order([str(room.path / "room.gsmap")], matcher="sift")
+    order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
     settings = ServiceSettings(token=TOKEN, limits=Limits(trackers=1))
     with serving(Service(order, settings, FakeDesk.start)) as server:
         yield server

@@ -21,12 +21,13 @@ from fake_desk import FakeDesk
 from serving import Serving, serving
 from test_parts import png_bomb
 
-from gscpe import CameraError, Client, MapError, PhotoError, PosePrior, ServiceError
+from gscpe import CameraError, Client, MapError, PhotoError, PoseError, PosePrior, ServiceError
+from gscpe.batch import shelf_order
 from gscpe.cli.main import main
 from gscpe.scene.image_file import decode_image
 from gscpe.scene.poses.hloc import parse_pose
 from gscpe.service.limits import Limits
-from gscpe.service.service import Service, ServiceSettings, service_order
+from gscpe.service.service import Service, ServiceSettings
 
 httpx = pytest.importorskip("httpx")
 
@@ -41,7 +42,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RoomFolder:
 
 @pytest.fixture(scope="module")
 def server(room: RoomFolder) -> Iterator[Serving]:
-    order = service_order([str(room.path / "room.gsmap")], matcher="sift")
+    order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
     with serving(Service(order, ServiceSettings(workers=2, limits=LIMITS))) as serving_:
         yield serving_
 
@@ -58,7 +59,7 @@ def fake(room: RoomFolder, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Ser
     monkeypatch.setattr("gscpe.service.app.check_photo", lambda *_: (1, 1))
 
     def make(**settings: Any) -> Service:
-        order = service_order([str(room.path / "room.gsmap")], matcher="sift")
+        order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
         return Service(order, ServiceSettings(**settings), FakeDesk.start)
 
     return make
@@ -121,6 +122,15 @@ def test_a_prior(client: Client, room: RoomFolder) -> None:
     there = parse_pose(client.localize("room", photo_of(room), CAMERA)["cam_from_world"])
     answer = client.localize("room", photo_of(room), CAMERA, PosePrior(there, 0.02, 1.0))
     assert (answer["status"], answer["started_from"]) == ("localized", "tracking")
+
+
+def test_in_all_maps(client: Client, room: RoomFolder) -> None:
+    answer = client.localize(None, photo_of(room), CAMERA)
+    assert (answer["map_name"], answer["maps_tried"]) == ("room", ["room"])
+    alone = client.localize("room", photo_of(room), CAMERA)
+    assert without_times(alone).items() <= without_times(answer).items()
+    with pytest.raises(PoseError, match="belongs to one map"):
+        client.localize(None, photo_of(room), CAMERA, PosePrior(np.eye(4)))
 
 
 def test_a_photo_of_elsewhere_is_an_answer(client: Client) -> None:
@@ -365,7 +375,7 @@ def test_typed_errors_of_the_client(client: Client, room: RoomFolder, tmp_path: 
 def test_a_map_that_was_built_anew_is_refused(room: RoomFolder) -> None:
     from gscpe.batch.shelf import Shelf
 
-    order = service_order([str(room.path / "room.gsmap")], matcher="sift")
+    order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
     changed = replace(order, fingerprints={"room": "0" * 12})
     with Shelf(changed) as shelf, pytest.raises(MapError, match="has changed since"):
         shelf.localizer("room")
@@ -381,7 +391,7 @@ def test_a_shelf_makes_room(room: RoomFolder, tmp_path: Path) -> None:
         folders.append(str(tmp_path / f"{name}.gsmap"))
         shutil.copytree(room.path / "room.gsmap", folders[-1])
     size = map_bytes(Path(folders[0]))
-    order = service_order(folders, matcher="sift", memory=int(2.5 * size))
+    order = shelf_order(folders, matcher="sift", memory=int(2.5 * size))
     with Shelf(order) as shelf:
         first = shelf.localizer("a")
         shelf.localizer("b")

@@ -12,7 +12,8 @@ import pytest
 from batch_room import CAMERA, RoomFolder, make_room, wait_until
 from serving import Serving, serving
 
-from gscpe.service.service import Service, ServiceSettings, service_order
+from gscpe.batch import shelf_order
+from gscpe.service.service import Service, ServiceSettings
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 DRIVER = shutil.which("chromedriver")
@@ -37,7 +38,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RoomFolder:
 
 @pytest.fixture(scope="module")
 def server(room: RoomFolder) -> Iterator[Serving]:
-    order = service_order([str(room.path / "room.gsmap")], matcher="sift")
+    order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
     with serving(Service(order, ServiceSettings(token=TOKEN))) as server:
         yield server
 

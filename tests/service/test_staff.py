@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any, Iterator
@@ -75,6 +77,19 @@ def test_a_worker_that_hangs() -> None:
         staff._limits = limits
         assert answer(staff, "echo on")["text"] == "on"
         assert staff._metrics.replaced == 3
+
+
+def test_an_idle_worker_that_hangs() -> None:
+    """It does not even take a large job out of the pipe; another one does."""
+    with Staff(FakeDesk.start, 1, 1, Limits(), Metrics()) as staff:
+        answer(staff, "echo ready")
+        (pid,) = staff.pids()
+        os.kill(pid, signal.SIGSTOP)
+        staff._limits = Limits(seconds=0.5)
+        first = staff.submit(job("echo " + "x" * 3_000_000))
+        wait_until(lambda: pid not in staff.pids())
+        staff._limits = Limits()
+        assert len(first.future.result(120)["text"]) == 3_000_000
 
 
 def test_closing_answers_who_waits(tmp_path: Path) -> None:
