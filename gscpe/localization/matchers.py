@@ -35,7 +35,7 @@ class Matchers:
     def __init__(self, matcher: Matcher | str | None, followed: bool = True) -> None:
         self._opened: dict[str, NamedMatcher | str] = {}
         if matcher is None or isinstance(matcher, str):
-            name = matcher_name(matcher or "auto")
+            name = matcher_name("auto" if matcher is None else matcher)
             self.first = NamedMatcher(name, make_matcher(name))
         else:
             self.first, followed = NamedMatcher(name_of(matcher), matcher), False

@@ -58,10 +58,10 @@ def counts(out: str) -> list[int]:
     return [int(number or 0) for number in found.groups()]
 
 
-def check(poses: dict[str, NDArray[np.float64]]) -> None:
+def check(poses: dict[str, NDArray[np.float64]], distance: float = 0.01) -> None:
     for name, pose in poses.items():
         error = pose_difference(pose, POSES[name.removesuffix(".png")])
-        assert error.distance < 0.01
+        assert error.distance < distance
         assert error.degrees < 0.3
 
 
@@ -139,7 +139,7 @@ def test_in_real_time(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     found = read_pose_file(poses).poses
     assert len(found) == tracked + relocalized
     assert status == (0 if found else 1)
-    check(found)
+    check(found, 0.03)  # a pixel of 120x90 is 2 cm wide
 
 
 def test_nothing_but_darkness(

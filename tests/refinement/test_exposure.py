@@ -11,7 +11,7 @@ from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.geometry import pose_difference, se3
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
-from gscpe.refinement import loop as refinement_loop
+from gscpe.refinement import light as refinement_light
 from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
 from gscpe.scene import Photo
 
@@ -88,7 +88,7 @@ def test_a_clipped_photo_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.gain == pytest.approx(1.9, rel=0.06)
     error = pose_difference(result.cam_from_world, ROOM_POSE)
     assert error.distance < 1e-3
-    monkeypatch.setattr(refinement_loop, "is_clipped", lambda *_: False)
+    monkeypatch.setattr(refinement_light, "is_clipped", lambda *_: False)
     plain = refine()
     if plain.cam_from_world is not None:
         assert pose_difference(plain.cam_from_world, ROOM_POSE).distance > 2 * error.distance

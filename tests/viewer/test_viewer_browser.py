@@ -101,13 +101,11 @@ def near(image: NDArray[np.float64], colour: tuple[int, int, int]) -> int:
 
 
 def test_splat_and_frusta_are_seen(viewer: Viewer, client: Any) -> None:
-    time.sleep(3.0)
-    seen = picture(client)
     viewer._splat_node.visible = False
     wait_until(lambda: near(picture(client), COLOURS["final"]) > 10)
     without = picture(client)
     viewer._splat_node.visible = True
-    assert np.mean(np.abs(seen - without).max(axis=2) > 20) > 0.05
+    wait_until(lambda: bool(np.mean(np.abs(picture(client) - without).max(axis=2) > 20) > 0.05))
     for _, node in viewer._all_frusta():
         node.visible = False
     wait_until(lambda: near(picture(client), COLOURS["final"]) == 0)
