@@ -32,12 +32,12 @@ from _common import (
     within,
 )
 
-from gscpe import LocalizationResult, Localizer, LocalizerSettings, open_map
+from gscpe import LocalizationResult, Localizer, open_map
 from gscpe.arrays import Float64Array
 from gscpe.coarse import AbsolutePose, lift
 from gscpe.errors import ModelError
 from gscpe.geometry.projection import project, transform_points
-from gscpe.localization import Attempt, EasySettings, Observer
+from gscpe.localization import Attempt, Observer
 from gscpe.matching import (
     LighterGlueMatcher,
     LighterGlueMatcherSettings,
@@ -61,9 +61,6 @@ MATCHERS: dict[str, Callable[[], Matcher]] = {
     "xfeat+lighterglue": lambda: LighterGlueMatcher(LighterGlueMatcherSettings(polish=None)),
     "xfeat+lighterglue, polished": LighterGlueMatcher,
 }
-
-WHOLE_LOOP = LocalizerSettings(easy=EasySettings(side=0))
-"""All rounds at full size, also of easy photos."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,9 @@ def main() -> int:
         (
             row
             for name, matcher in matchers.items()
-            for row in _rounds(name, Localizer(map_, WHOLE_LOOP, matcher, options.backend), cases)
+            for row in _rounds(
+                name, Localizer(map_, matcher=matcher, backend=options.backend), cases
+            )
         ),
     )  # fmt: skip
     ranked = [_ranked(map_, case) for case in cases]

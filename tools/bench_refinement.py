@@ -23,8 +23,7 @@ from _common import read_cases, redkitchen
 from refinement_compare import compare, measure_basin
 from refinement_parts import ablate, change_photos
 
-from gscpe import Localizer, LocalizerSettings, open_map
-from gscpe.localization import EasySettings
+from gscpe import Localizer, open_map
 
 
 def main() -> int:
@@ -48,10 +47,7 @@ def main() -> int:
     if min(options.queries, options.draws, options.iterations) < 1:
         parser.error("--queries, --draws and --iterations must be at least 1")
     data = redkitchen()
-    # Stages are compared from the poses of the whole coarse loop, which an easy photo does without.
-    easy = EasySettings() if options.illumination else EasySettings(side=0)
-    settings = LocalizerSettings(easy=easy)
-    with Localizer(open_map(options.map), settings, backend=options.backend) as localizer:
+    with Localizer(open_map(options.map), backend=options.backend) as localizer:
         cases = read_cases(data, options.queries)
         print(f"{len(cases)} queries, {localizer.renderer_description}, {os.cpu_count()} cores\n")
         if options.basin:

@@ -42,6 +42,15 @@ def add_matcher(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_retrieval_model(parser: argparse.ArgumentParser) -> None:
+    """``--retrieval-model``, for the commands that open maps to localize in."""
+    parser.add_argument(
+        "--retrieval-model",
+        metavar="ONNX",
+        help="the exported network that described the map's photos",
+    )
+
+
 def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """``--workers`` and ``--scheduler``, for the commands that localize lists; what they say is
     for :func:`gscpe.batch.make_crew`."""

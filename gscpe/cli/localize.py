@@ -30,6 +30,7 @@ from gscpe.cli.common import (
     Commands,
     add_backend,
     add_matcher,
+    add_retrieval_model,
     add_timeout,
     add_workers,
     print_json,
@@ -123,11 +124,7 @@ def add_parser(commands: Commands) -> None:
     )
     add_workers(many)
     add_timeout(many)
-    parser.add_argument(
-        "--retrieval-model",
-        metavar="ONNX",
-        help="the exported network that described the map's photos",
-    )
+    add_retrieval_model(parser)
     add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)

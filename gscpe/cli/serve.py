@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from gscpe.batch import ShelfOrder, shelf_order
-from gscpe.cli.common import Commands, add_backend, add_matcher, positive
+from gscpe.cli.common import Commands, add_backend, add_matcher, add_retrieval_model, positive
 from gscpe.errors import SettingsError
 from gscpe.localization import LocalizerSettings
 from gscpe.service.limits import Limits
@@ -87,11 +87,7 @@ def add_parser(commands: Commands) -> None:
         help="cameras that are followed at a time, a process each "
         f"(default: {Limits.trackers}; 0: none)",
     )
-    parser.add_argument(
-        "--retrieval-model",
-        metavar="ONNX",
-        help="the exported network that described the maps' photos",
-    )
+    add_retrieval_model(parser)
     add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)

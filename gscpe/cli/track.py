@@ -13,6 +13,7 @@ from gscpe.cli.common import (
     Commands,
     add_backend,
     add_matcher,
+    add_retrieval_model,
     show_progress,
 )
 from gscpe.cli.streams import say
@@ -104,11 +105,7 @@ def add_parser(commands: Commands) -> None:
         help='of the odometry\'s body in the camera: "qw qx qy qz tx ty tz" (default: the body is '
         "the camera)",
     )
-    parser.add_argument(
-        "--retrieval-model",
-        metavar="ONNX",
-        help="the exported network that described the map's photos",
-    )
+    add_retrieval_model(parser)
     add_matcher(parser)
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Sequence
 
@@ -24,14 +23,14 @@ from gscpe.viewer.cameras import (
     Kind,
     ShownCamera,
     Viewpoint,
-    between,
     photo_plane,
     viewpoint_of,
 )
-from gscpe.viewer.comparison import Comparison, compare
 from gscpe.viewer.contents import Contents, Trajectory
 from gscpe.viewer.ellipsoids import sphere_mesh
+from gscpe.viewer.flight import Flight
 from gscpe.viewer.overview import overview_pose
+from gscpe.viewer.photo_over_map import PhotoOverMap, photo_over_map
 from gscpe.viewer.photos import Photos
 from gscpe.viewer.server import check_viser, start_server, stop_server
 from gscpe.viewer.splat import (
@@ -48,8 +47,6 @@ if TYPE_CHECKING:
 
 _NONE = "\N{EM DASH}"
 _NO_MATCH = "(not localized)"
-_FLIGHT = 0.6  # seconds
-_STEPS = 18
 _THUMBNAIL = 160  # pixels
 _SIDES = ("Across", "Along", "Height")
 _ANGLE = math.radians(50.0)
@@ -91,9 +88,10 @@ class Viewer(Closing):
         self._photos = Photos(photo_folders)
         self._splat = browser_splat(map_.scene, most_gaussians)
         self._unit = browser_unit(self._splat)
+        self._flight = Flight(self._unit, contents.depth)
         self._renderer = Renderer(map_.scene, backend)
         self._lock = threading.RLock()
-        self._comparison: Comparison | None = None
+        self._comparison: PhotoOverMap | None = None
         self._chosen: ShownCamera | None = None
         self._overlay: Any = None
         self._frusta: dict[str, list[tuple[ShownCamera, Any]]] = {}
@@ -314,7 +312,7 @@ class Viewer(Closing):
                 now.wxyz, now.position = quaternion, unit * position
             now.visible = not ride.value
             if ride.value and event.client is not None:
-                self._put(event.client, viewpoint_of(shown, event.client.camera.aspect))
+                self._flight.put(event.client, viewpoint_of(shown, event.client.camera.aspect))
 
     def _add_section_sliders(self) -> None:
         low, high = self._section.limits
@@ -343,11 +341,11 @@ class Viewer(Closing):
         """Flies to a camera and lays its photo over the map."""
         with self._lock:
             self._remove_overlay()
-            self._fly(client, viewpoint_of(shown, client.camera.aspect))
+            self._flight.fly(client, viewpoint_of(shown, client.camera.aspect))
             self._chosen = shown
             for _, node in self._frusta[shown.name]:
                 node.visible = False  # it would lie before what it shows
-            self._comparison = compare(shown, self._photos, self._renderer)
+            self._comparison = photo_over_map(shown, self._photos, self._renderer)
             self._about.content = photo_html(
                 shown, self._contents, self._map.frame, self._comparison is not None
             )
@@ -357,7 +355,7 @@ class Viewer(Closing):
         with self._lock:
             self._remove_overlay()
             if client is not None:
-                self._fly(client, self._overview())
+                self._flight.fly(client, self._overview())
 
     def _draw_overlay(self) -> None:
         with self._lock:
@@ -403,26 +401,6 @@ class Viewer(Closing):
             for _, node in self._frusta[self._chosen.name]:
                 node.visible = True
             self._chosen = None
-
-    def _fly(self, client: viser.ClientHandle, goal: Viewpoint) -> None:
-        camera = client.camera
-        begin = Viewpoint(
-            np.array(camera.position) / self._unit, np.array(camera.wxyz), float(camera.fov)
-        )
-        for step in range(1, _STEPS + 1):
-            share = step / _STEPS
-            self._put(client, between(begin, goal, share * share * (3.0 - 2.0 * share)))
-            time.sleep(_FLIGHT / _STEPS)
-
-    def _put(self, client: viser.ClientHandle, point: Viewpoint) -> None:
-        turn = se3.from_quaternion_translation(point.quaternion, [0, 0, 0])[:3, :3]
-        position = self._unit * point.position
-        with client.atomic():
-            client.camera.position = position
-            client.camera.look_at = position + self._unit * self._contents.depth * turn[:, 2]
-            client.camera.up_direction = -turn[:, 1]
-            client.camera.fov = point.vertical_angle
-        client.flush()
 
 
 def _at(trajectory: Trajectory, index: int) -> ShownCamera:

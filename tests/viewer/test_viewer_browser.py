@@ -144,7 +144,7 @@ def test_a_click_on_a_frustum_flies_there(viewer: Viewer, client: Any, chromium:
     aside = 0.5 * back * math.tan(math.radians(25.0)) * client.camera.aspect
     eye = se3.exp([-aside, 0, back, 0, 0, 0]) @ POSE
     quaternion, position = se3.to_quaternion_translation(se3.inverse(eye))
-    viewer._put(client, Viewpoint(position, quaternion, math.radians(50.0)))
+    viewer._flight.put(client, Viewpoint(position, quaternion, math.radians(50.0)))
     wait_until(lambda: bool(np.linalg.norm(client.camera.position - viewer._unit * position) < 0.1))
     time.sleep(2.0)
     query = viewer._contents.of_kind("final")[0]

@@ -20,7 +20,7 @@ _WIDTH = 960
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class PhotoOverMap:
     """Photo and render of a camera.
 
     Attributes:
@@ -45,7 +45,7 @@ class Comparison:
         return difference_picture(self.photo, self.view, gain, bias)
 
 
-def compare(shown: ShownCamera, photos: Photos, renderer: Renderer) -> Comparison | None:
+def photo_over_map(shown: ShownCamera, photos: Photos, renderer: Renderer) -> PhotoOverMap | None:
     """Photo and render; None where there is no photo.
 
     Raises:
@@ -55,4 +55,4 @@ def compare(shown: ShownCamera, photos: Photos, renderer: Renderer) -> Compariso
     if photo is None:
         return None
     camera = shown.camera.without_distortion().resized(photo.shape[1], photo.shape[0])
-    return Comparison(shown, photo, renderer.render(camera, shown.cam_from_map))
+    return PhotoOverMap(shown, photo, renderer.render(camera, shown.cam_from_map))
