@@ -5,8 +5,8 @@ What further rounds of the coarse loop add is matches from the right place. They
 the photo is aligned, with a render of their own. Where anything about this is in doubt, the photo
 is not easy, and the whole loop is run.
 
-On RedKitchen it takes 0.8 of the time and is as exact (docs/benchmarks.md); on synthetic maps of one
-RGB-D photo it was less exact, and so it is not the default.
+On RedKitchen it takes 0.8 of the time and is as exact (docs/benchmarks.md); on synthetic maps of
+one RGB-D photo it was less exact, and so it is not the default.
 """
 
 from __future__ import annotations
