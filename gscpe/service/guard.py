@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+from contextlib import suppress
 from typing import Any, Awaitable, Callable, MutableMapping
 
 from gscpe.service import access
@@ -23,6 +25,10 @@ OPEN = {"/", "/health", "/docs", "/openapi.json"}
 TOKEN_PENDING = "gscpe.token_pending"
 """Set in the scope of a WebSocket whose first message must hold the token: browsers cannot send
 headers with one."""
+
+_DRAINED_BODIES = 4
+_DRAIN_SECONDS = 5.0
+"""How much more than a body may have, and how long, is read of a request that is refused."""
 
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -78,6 +84,7 @@ class Guard:
             await send(message)
 
         if problem is not None:
+            await self._drain(receive)
             await answer_problem(problem, counted)
             return
         await self._app(scope, self._limited(receive), counted)
@@ -105,6 +112,18 @@ class Guard:
     def _is_too_large(self, headers: dict[str, str]) -> bool:
         length = headers.get("content-length", "0")
         return length.isdecimal() and int(length[:20]) > self._limits.body_bytes
+
+    async def _drain(self, receive: Receive) -> None:
+        """Reads on for a while: where a connection is closed with a body underway, its sender sees
+        a broken connection, not the answer."""
+        left = _DRAINED_BODIES * self._limits.body_bytes
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_DRAIN_SECONDS):
+                while left > 0:
+                    message = await receive()
+                    if message["type"] != "http.request" or not message.get("more_body"):
+                        return
+                    left -= len(message.get("body", b""))
 
     def _limited(self, receive: Receive) -> Receive:
         received = 0
