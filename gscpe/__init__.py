@@ -132,6 +132,7 @@ if TYPE_CHECKING:
     from gscpe.making import MakeMapSettings as MakeMapSettings
     from gscpe.making import make_map as make_map
     from gscpe.making import read_certificate as read_certificate
+    from gscpe.reconstruction import KnownLengths as KnownLengths
     from gscpe.reconstruction import KnownPoses as KnownPoses
     from gscpe.reconstruction import ModelFrame as ModelFrame
     from gscpe.reconstruction import PoseRefinementSettings as PoseRefinementSettings
@@ -139,6 +140,7 @@ if TYPE_CHECKING:
     from gscpe.reconstruction import ReconstructionSettings as ReconstructionSettings
     from gscpe.reconstruction import RefinedPoses as RefinedPoses
     from gscpe.reconstruction import ScaleSource as ScaleSource
+    from gscpe.reconstruction import read_lengths as read_lengths
     from gscpe.reconstruction import reconstruct as reconstruct
     from gscpe.reconstruction import refine_known_poses as refine_known_poses
     from gscpe.report import ReportSettings as ReportSettings
@@ -167,9 +169,9 @@ else:
             *("MakeMapSettings", "make_map", "read_certificate"),
         ),
         "gscpe.reconstruction": (
-            *("KnownPoses", "ModelFrame", "PoseRefinementSettings", "Reconstruction"),
-            *("ReconstructionSettings", "RefinedPoses", "ScaleSource", "reconstruct"),
-            "refine_known_poses",
+            *("KnownLengths", "KnownPoses", "ModelFrame", "PoseRefinementSettings"),
+            *("Reconstruction", "ReconstructionSettings", "RefinedPoses", "ScaleSource"),
+            *("read_lengths", "reconstruct", "refine_known_poses"),
         ),
         "gscpe.report": ("ReportSettings", "ShownResult", "show"),
         "gscpe.sequences": ("Frame", "Frames", "open_frames"),
@@ -228,6 +230,7 @@ __all__ = [
     "IlluminationSettings",
     "IndexSettings",
     "InputError",
+    "KnownLengths",
     "KnownPoses",
     "LightSettings",
     "LocalizationResult",
@@ -322,6 +325,7 @@ __all__ = [
     "read_splat",
     "read_transform",
     "read_transforms",
+    "read_lengths",
     "reconstruct",
     "refine_known_poses",
     "save_map",

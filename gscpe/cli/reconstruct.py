@@ -58,9 +58,10 @@ def add_reconstruction(parser: argparse.ArgumentParser) -> None:
         "--scale-from",
         metavar="WHAT",
         help="where the unit comes from: gps (the photos' EXIF), FILE with known poses of some "
-        "photos, distance:PHOTO,PHOTO,METRES, or depth:FOLDER of 16-bit depth images, named like "
-        "the photos, in millimetres (depth:FOLDER,5000 where a metre is 5000); else the map's unit "
-        "is not known",
+        "photos, distance:PHOTO,PHOTO,METRES between two cameras, points:FILE with lengths of "
+        "things that photos show (see docs/making-maps.md), or depth:FOLDER of 16-bit depth "
+        "images, named like the photos, in millimetres (depth:FOLDER,5000 where a metre is 5000); "
+        "else the map's unit is not known",
     )
     parser.add_argument(
         "--masks",

@@ -3,6 +3,7 @@
 
 from gscpe.reconstruction.frame import ModelFrame
 from gscpe.reconstruction.known_poses import KnownPoses
+from gscpe.reconstruction.lengths import KnownLengths, read_lengths
 from gscpe.reconstruction.reconstruct import reconstruct
 from gscpe.reconstruction.refine_poses import refine_known_poses
 from gscpe.reconstruction.result import Reconstruction, RefinedPoses
@@ -12,6 +13,7 @@ from gscpe.reconstruction.sharpness import sharpness
 from gscpe.reconstruction.work_folder import open_work_folder
 
 __all__ = [
+    "KnownLengths",
     "KnownPoses",
     "ModelFrame",
     "PoseRefinementSettings",
@@ -20,6 +22,7 @@ __all__ = [
     "RefinedPoses",
     "ScaleSource",
     "open_work_folder",
+    "read_lengths",
     "reconstruct",
     "refine_known_poses",
     "sharpness",

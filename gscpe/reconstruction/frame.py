@@ -13,6 +13,7 @@ from gscpe.arrays import Float64Array
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.geometry.up import common_up
 from gscpe.reconstruction.depth_scale import scaled_by_depth
+from gscpe.reconstruction.point_scale import scaled_by_points
 from gscpe.reconstruction.scale import (
     ScaleSource,
     scaled_by_distance,
@@ -38,15 +39,24 @@ class ModelFrame:
 
 
 def settle_frame(
-    model: Any, source: ScaleSource, gps: Mapping[str, tuple[float, float, float]]
+    model: Any,
+    source: ScaleSource,
+    gps: Mapping[str, tuple[float, float, float]],
+    sizes: Mapping[str, tuple[int, int]],
 ) -> ModelFrame:
     """Moves a model, pycolmap.Reconstruction, into a frame that people can work with.
 
     With known poses, it is theirs. Else z points up, as far as the cameras tell; x follows the
     longer extent of their positions (GPS: east), and the origin is the median of the points.
 
+    Args:
+        model: to move.
+        source: of the unit.
+        gps: latitude, longitude and altitude of some photos.
+        sizes: width and height of photos before they were shrunk.
+
     Raises:
-        ReconstructionError: as :mod:`gscpe.reconstruction.scale` and ``depth_scale``.
+        ReconstructionError: as :mod:`gscpe.reconstruction.scale`, ``point_scale``, ``depth_scale``.
     """
     poses = poses_of(model)
     if source.kind == "poses":
@@ -64,6 +74,10 @@ def settle_frame(
         return ModelFrame(1.0, is_up, origin)
     if source.kind == "distance":
         move_model(model, scaled_by_distance(poses, source))
+        return ModelFrame(1.0, is_up)
+    if source.kind == "points":
+        assert source.lengths is not None
+        move_model(model, scaled_by_points(model, source.lengths, sizes))
         return ModelFrame(1.0, is_up)
     if source.kind == "depth":
         assert source.depth is not None

@@ -31,6 +31,7 @@ _LEAST_PHOTOS = 3
 _JPEG_QUALITY = 95
 _KEPT_AS_THEY_ARE = {".jpg", ".jpeg"}
 _WRITABLE = {".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"}
+_TUPLES = ("gps", "full_size")
 _MAKE, _MODEL, _EXIF_BLOCK, _FOCAL = 0x010F, 0x0110, 0x8769, 0x920A
 
 
@@ -46,6 +47,7 @@ class PreparedPhoto:
         sharpness: see :func:`sharpness`.
         video: the video that it is of; "" for none.
         gps: latitude, longitude, altitude; None where it does not say.
+        full_size: width and height of the photo that it was made of, upright; None for a frame.
     """
 
     name: str
@@ -56,6 +58,7 @@ class PreparedPhoto:
     sharpness: float
     video: str = ""
     gps: tuple[float, float, float] | None = None
+    full_size: tuple[int, int] | None = None
 
 
 def prepare_photos(
@@ -109,7 +112,7 @@ def read_prepared(path: Path) -> tuple[list[PreparedPhoto], dict[str, str]]:
     """What :func:`write_prepared` wrote."""
     stored = json.loads(path.read_text(encoding="utf-8"))
     photos = [
-        PreparedPhoto(**{**entry, "gps": entry["gps"] and tuple(entry["gps"])})
+        PreparedPhoto(**{**entry, **{key: entry.get(key) and tuple(entry[key]) for key in _TUPLES}})
         for entry in stored["photos"]
     ]
     return photos, dict(stored["unusable"])
@@ -165,6 +168,7 @@ def _prepare_photo(name: str, path: Path, folder: Path, max_size: int) -> Prepar
         focal=focal,
         sharpness=sharpness(small),
         gps=gps_from_exif(path),
+        full_size=(width, height),
     )
 
 

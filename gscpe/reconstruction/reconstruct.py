@@ -121,7 +121,8 @@ def reconstruct(
         tuple(name for name in poses_of(other) if name not in placed_names) for other in others
     )
     gps = {photo.name: photo.gps for photo in photos if photo.gps is not None}
-    frame = settle_frame(model, scale, gps)
+    sizes = {photo.name: photo.full_size for photo in photos if photo.full_size is not None}
+    frame = settle_frame(model, scale, gps, sizes)
     sparse = folder / "sparse" / "0"
     with when_full(sparse):
         sparse.mkdir(parents=True, exist_ok=True)

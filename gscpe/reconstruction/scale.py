@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tells how large a model is, and where: nothing, GPS, known poses, a known distance, or
-depth images."""
+"""What tells how large a model is, and where: nothing, GPS, known poses, a known distance of two
+photos or of two points, or depth images."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Mapping
+from typing import Collection, Mapping
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import ReconstructionError, SettingsError
 from gscpe.geometry.alignment import umeyama
 from gscpe.geometry.similarity_transform import Similarity
+from gscpe.reconstruction.lengths import KnownLengths, read_lengths
 from gscpe.scene.gps import local_metres
+from gscpe.scene.photo_name import with_slashes
 from gscpe.scene.poses import read_pose_file
 
 _TRIALS = 500
@@ -28,10 +30,11 @@ class ScaleSource:
     """Where a model's unit comes from; see :meth:`parse`.
 
     Attributes:
-        kind: "unknown", "gps", "poses", "distance" or "depth".
+        kind: "unknown", "gps", "poses", "distance", "points" or "depth".
         poses: file of known poses.
         between: two photos whose distance is known, ...
         metres: ... and how far apart they were taken.
+        lengths: between points that photos show.
         depth: folder of depth images, ...
         per_metre: ... and what a metre is in them.
     """
@@ -40,14 +43,16 @@ class ScaleSource:
     poses: Path | None = None
     between: tuple[str, str] = ("", "")
     metres: float = 0.0
+    lengths: KnownLengths | None = None
     depth: Path | None = None
     per_metre: float = 1000.0
 
     @classmethod
     def parse(cls, text: str | None) -> ScaleSource:
         """Of ``unknown``, ``gps`` (of the photos' EXIF), ``distance:PHOTO,PHOTO,METRES``,
-        ``depth:FOLDER`` (of depth images in millimetres; ``depth:FOLDER,5000`` where a metre is
-        5000), or the path of a file with known poses of some of the photos.
+        ``points:FILE`` (see :func:`gscpe.read_lengths`), ``depth:FOLDER`` (of depth images in
+        millimetres; ``depth:FOLDER,5000`` where a metre is 5000), or the path of a file with known
+        poses of some of the photos.
 
         Raises:
             SettingsError: it is none of these.
@@ -59,6 +64,8 @@ class ScaleSource:
             return cls("gps")
         if text.startswith("depth:"):
             return cls._of_depth(text)
+        if text.startswith("points:"):
+            return cls("points", lengths=read_lengths(Path(text.removeprefix("points:"))))
         if text.startswith("distance:"):
             parts = [part.strip() for part in text.removeprefix("distance:").split(",")]
             try:
@@ -74,7 +81,7 @@ class ScaleSource:
         if not Path(text).is_file():
             raise SettingsError(
                 f"there is no file of known poses {text}; a scale is from gps, "
-                "distance:PHOTO,PHOTO,METRES, depth:FOLDER, or such a file"
+                "distance:PHOTO,PHOTO,METRES, points:FILE, depth:FOLDER, or such a file"
             )
         return cls("poses", poses=Path(text))
 
@@ -185,17 +192,27 @@ def scaled_by_distance(
     Raises:
         ReconstructionError: one of them was not placed, or both stand in one place.
     """
-    for name in source.between:
-        if name not in cam_from_world:
-            raise ReconstructionError(
-                f"{name}, whose distance is given, was not placed; names are like "
-                f"{next(iter(cam_from_world))}"
-            )
-    first, second = _centres(np.stack([cam_from_world[name] for name in source.between]))
+    names = [placed_name(name, cam_from_world) for name in source.between]
+    first, second = _centres(np.stack([cam_from_world[name] for name in names]))
     apart = float(np.linalg.norm(first - second))
     if apart < 1e-9:
         raise ReconstructionError(f"{' and '.join(source.between)} were taken from one place")
     return Similarity(source.metres / apart, np.eye(3), np.zeros(3))
+
+
+def placed_name(name: str, placed: Collection[str]) -> str:
+    """The name that a photo has in the model: that of a HEIC photo has another ending there.
+
+    Raises:
+        ReconstructionError: it was not placed.
+    """
+    slashes = with_slashes(name)
+    for known in (name, slashes, f"{slashes}.jpg"):
+        if known in placed:
+            return known
+    raise ReconstructionError(
+        f"{name}, which --scale-from names, was not placed; names are like {next(iter(placed))}"
+    )
 
 
 def robust_similarity(

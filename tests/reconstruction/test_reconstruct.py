@@ -17,6 +17,7 @@ from scenes import room
 from walks import WALK_CAMERA, walk_poses, write_jpeg, write_walk
 
 from gscpe.errors import OutputError, PhotoError, ReconstructionError
+from gscpe.geometry.projection import project
 from gscpe.reconstruction import Reconstruction, ReconstructionSettings, ScaleSource, reconstruct
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.poses import write_pose_file
@@ -144,6 +145,26 @@ def test_the_unit_of_depth_images(walk: Walk, tmp_path: Path) -> None:
         (tmp_path / Path(name).with_suffix(".png")).unlink()
     with pytest.raises(ReconstructionError, match=r"no depth image.*IMG_0000.png"):
         reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+
+
+def test_the_unit_of_a_length_that_photos_show(walk: Walk, tmp_path: Path) -> None:
+    """Two corners of what is 2.5 m ahead, in photos of which one was stored turned."""
+    ends = np.array([[-0.5, 0.2, 2.5], [0.4, -0.3, 2.3]])
+    lines = [f"a,b,{np.linalg.norm(ends[0] - ends[1])}"]
+    for name in ("IMG_0000.jpg", "IMG_0003.jpg", "IMG_0008.jpg"):
+        pose = walk.poses[name]
+        pixels = project(WALK_CAMERA, ends @ pose[:3, :3].T + pose[:3, 3])
+        lines += [f"{point},{name},{x},{y}" for point, (x, y) in zip("ab", pixels, strict=True)]
+    (tmp_path / "points.txt").write_text("\n".join(lines))
+    scale = ScaleSource.parse(f"points:{tmp_path / 'points.txt'}")
+    again = reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
+    assert again.frame.metres_per_unit == 1.0
+    references = read_colmap_references(again.model_folder, again.image_folder)
+    ours, truth = (
+        np.linalg.norm(np.ptp(centres(poses)[[0, -1]], axis=0))
+        for poses in (references.cam_from_world, [walk.poses[name] for name in references.names])
+    )
+    assert ours == pytest.approx(truth, rel=0.03)
 
 
 def test_too_few_photos(tmp_path: Path) -> None:
