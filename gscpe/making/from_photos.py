@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Sequence
+
+import numpy as np
 
 from gscpe.errors import OutputError, SettingsError
 from gscpe.making.certificate import Certificate, certify
@@ -21,6 +24,7 @@ from gscpe.reconstruction import (
     reconstruct,
     refine_known_poses,
 )
+from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.known_poses import fingerprint, known_model
 from gscpe.retrieval import check_method
 from gscpe.scene import References, open_map, read_splat, save_map
@@ -32,6 +36,7 @@ if TYPE_CHECKING:  # importing it needs Numba
     from gscpe.training import TrainingSettings
 
 _SPLAT = "splat.ply"
+_FRAME = "splat.frame"
 _FINISHED = "finished"
 
 
@@ -134,6 +139,7 @@ def make_map(
         check_masks(Path(masks), list(references.names))
     learned, left_out = split_references(references, settings.test_every)
     splat = work / _SPLAT
+    _check_frame(splat, learned)
     if not (splat.exists() and resume):
         max_size = settings.reconstruction.max_size
         _train(learned, model, images, splat, training, max_size, masks, progress)
@@ -167,6 +173,25 @@ def _training_settings(settings: MakeMapSettings) -> TrainingSettings:
         max_gaussians=settings.max_gaussians,
         seed=settings.seed,
     )
+
+
+def _check_frame(splat: Path, learned: References) -> None:
+    """Raises OutputError where a training that is to be gone on with was in another frame; keeps,
+    for the next time, in which one this is."""
+    from gscpe.training import checkpoint_of
+
+    digest = hashlib.sha256("\n".join(learned.names).encode())
+    digest.update(np.ascontiguousarray(learned.cam_from_world).tobytes())
+    mark, kept = digest.hexdigest(), splat.with_name(_FRAME)
+    begun = next((path for path in (splat, checkpoint_of(splat)) if path.exists()), None)
+    if begun is not None and kept.exists() and kept.read_text(encoding="utf-8") != mark:
+        raise OutputError(
+            f"{begun} was trained on other photos, or in another unit or frame: give the same "
+            "--test-every and --scale-from as then, or delete it, and with --resume only the "
+            "training is done again"
+        )
+    with when_full(kept):
+        kept.write_text(mark, encoding="utf-8")
 
 
 def _train(
@@ -204,11 +229,11 @@ def _stamp(
     refinement: PoseRefinementSettings | None,
 ) -> dict[str, Any]:
     """What cannot be changed on the way. Photos and how they are put together are looked at by
-    :func:`gscpe.reconstruct`; the minutes may be prolonged."""
+    :func:`gscpe.reconstruct`, the frame and which photos are left out by :func:`_check_frame`; the
+    minutes may be prolonged."""
     stamp: dict[str, Any] = {
         "iterations": settings.iterations,
         "max_gaussians": settings.max_gaussians,
-        "test_every": settings.test_every,
         "seed": settings.seed,
         "masks": None if masks is None else str(Path(masks).resolve()),
         "reconstruction": asdict(settings.reconstruction),

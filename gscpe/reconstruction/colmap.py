@@ -7,6 +7,7 @@ All that is found goes into a database, step by step; what is there is not done 
 from __future__ import annotations
 
 import itertools
+import sqlite3
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Iterator, Sequence
@@ -18,6 +19,7 @@ from gscpe.errors import MissingDependencyError, OutputError, ReconstructionErro
 from gscpe.reconstruction.disk import is_full
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.settings import ReconstructionSettings
+from gscpe.scene.colmap_database import numbered_names, restore_names
 
 _AT_ONCE = 4  # photos a core
 _PAIRS_AT_ONCE = 60
@@ -56,6 +58,7 @@ def extract(
     options.sift.max_num_features = settings.max_features
     done: dict[str, int] = {}
     with reported("features cannot be extracted", database):
+        restore_names(database)
         with pycolmap.Database.open(database) as stored:
             for image in stored.read_all_images():
                 if stored.exists_keypoints(image.image_id):  # and not killed before
@@ -124,10 +127,10 @@ def match(
                 if a in ids and b in ids and not stored.exists_two_view_geometry(ids[a], ids[b])
             ]
         bar = tqdm(total=len(pairs), desc="matching", unit="pair", disable=not progress)
-        with bar:
+        with bar, numbered_names(database) as numbers:
             bar.update(len(pairs) - len(todo))
             for some in _batches(todo, _PAIRS_AT_ONCE):
-                list_file.write_text("".join(f"{a} {b}\n" for a, b in some), encoding="utf-8")
+                list_file.write_text("".join(f"{numbers[a]} {numbers[b]}\n" for a, b in some))
                 pairing = pycolmap.ImportedPairingOptions()
                 pairing.match_list_path = str(list_file)
                 pycolmap.match_image_pairs(
@@ -206,7 +209,7 @@ def reported(what: str, database: Path) -> Iterator[None]:
     pycolmap.logging.minloglevel = 3  # it would tell of each photo
     try:
         yield
-    except (RuntimeError, ValueError, OSError, IndexError) as error:
+    except (RuntimeError, ValueError, OSError, IndexError, sqlite3.Error) as error:
         if is_full(database.parent) or "disk is full" in str(error):
             raise OutputError(
                 f"the disk of {database.parent} is full; make room, and go on with --resume"

@@ -4,6 +4,7 @@ them."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 from dataclasses import asdict, dataclass
@@ -22,7 +23,7 @@ from gscpe.reconstruction.sharpness import sharpness
 from gscpe.reconstruction.sources import Source
 from gscpe.scene.exif import camera_from_exif, exif_of
 from gscpe.scene.gps import gps_from_exif
-from gscpe.scene.image_file import read_image
+from gscpe.scene.image_file import photo_bytes, read_image
 from gscpe.scene.orientation import exif_orientation
 
 _log = logging.getLogger(__name__)
@@ -76,10 +77,18 @@ def prepare_photos(
     """
     unusable: dict[str, str] = {}
     photos = []
+    seen: dict[bytes, str] = {}
     for name, path in tqdm(
-        source.photos.items(), desc="reading photos", unit="photo", disable=not progress
+        sorted(source.photos.items(), key=lambda item: (len(item[0]), item[0])),  # copies are last
+        desc="reading photos",
+        unit="photo",
+        disable=not progress,
     ):
         try:
+            _check_name(name)
+            same = seen.setdefault(hashlib.sha256(photo_bytes(path)).digest(), name)
+            if same != name:
+                raise PhotoError(f"is a copy of {same}")
             photos.append(_prepare_photo(name, path, folder, settings.max_size))
         except PhotoError as error:
             unusable[name] = str(error)
@@ -106,6 +115,14 @@ def prepare_photos(
             "it more light, and clean the lens"
         )
     return photos, unusable
+
+
+def _check_name(name: str) -> None:
+    """Raises PhotoError for bytes that pycolmap's databases cannot hold."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise PhotoError("has a name that is not UTF-8; rename it") from None
 
 
 def read_prepared(path: Path) -> tuple[list[PreparedPhoto], dict[str, str]]:
@@ -146,8 +163,11 @@ def write_photo(
     ending = path.suffix.lower()
     if ending not in _WRITABLE:
         name = f"{name}.jpg"
-    as_it_is = small is image and ending in _KEPT_AS_THEY_ARE and exif_orientation(path) == 1
-    _write(folder / name, path.read_bytes() if as_it_is else _encoded(small, name))
+    stored = path.read_bytes()
+    # By its bytes, too: phones call HEIC photos .jpg.
+    is_jpeg = ending in _KEPT_AS_THEY_ARE and stored[:2] == b"\xff\xd8"
+    as_it_is = small is image and is_jpeg and exif_orientation(path) == 1
+    _write(folder / name, stored if as_it_is else _encoded(small, name))
     return name, small
 
 

@@ -1,12 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Known cameras and poses put into what pycolmap has found of photos."""
+"""Known cameras, poses and names put into what pycolmap has found of photos."""
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Iterable, Mapping
+from typing import Any, Iterable, Iterator, Mapping
 
 from gscpe.arrays import Float64Array
+
+_NAMES = "gscpe_names"
+
+
+@contextmanager
+def numbered_names(database: Path) -> Iterator[dict[str, int]]:
+    """Photos are called by their numbers meanwhile: pycolmap's lists of pairs cannot hold names
+    with blanks.
+
+    Who is killed here leaves the numbers; :func:`restore_names` brings the names back.
+
+    Args:
+        database: file of COLMAP, which nobody has opened now.
+
+    Yields:
+        The photos' numbers, by name.
+    """
+    restore_names(database)
+    with _changing(database) as change:
+        names = dict(change.execute("SELECT name, image_id FROM images"))
+        change.execute(f"CREATE TABLE {_NAMES} AS SELECT image_id, name FROM images")
+        change.execute("UPDATE images SET name = CAST(image_id AS TEXT)")
+    try:
+        yield names
+    finally:
+        restore_names(database)
+
+
+def restore_names(database: Path) -> None:
+    """Undoes :func:`numbered_names`; nothing, where there is nothing to undo."""
+    if not database.exists():
+        return
+    with _changing(database) as change:
+        of_ours = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
+        if change.execute(of_ours, (_NAMES,)).fetchone():
+            stored = f"SELECT name FROM {_NAMES} WHERE {_NAMES}.image_id = images.image_id"
+            change.execute(f"UPDATE images SET name = ({stored})")
+            change.execute(f"DROP TABLE {_NAMES}")
+
+
+@contextmanager
+def _changing(database: Path) -> Iterator[sqlite3.Connection]:
+    """All that is changed meanwhile, or nothing."""
+    with closing(sqlite3.connect(database, isolation_level=None)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        yield connection
+        connection.execute("COMMIT")
 
 
 def set_cameras(database: Path, cameras: Mapping[str, Any]) -> None:

@@ -45,6 +45,7 @@ def split_references(references: References, test_every: int) -> tuple[Reference
         raise TrainingError(
             f"{len(references)} photos have a pose, of which {len(learned)} can be trained on; at "
             f"least {LEAST_PHOTOS} are needed"
+            + (" (--test-every 0 leaves none out)" if len(references) >= LEAST_PHOTOS else "")
         )
     return learned, left_out
 

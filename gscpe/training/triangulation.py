@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import tempfile
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from gscpe.errors import ColmapModelError, MissingDependencyError
 from gscpe.geometry.neighbours import pairs_by_pose
-from gscpe.scene.colmap_database import posed_model, set_cameras
+from gscpe.scene.colmap_database import numbered_names, posed_model, set_cameras
 from gscpe.training.points import PointCloud, cloud_of
 
 _NEIGHBOURS = 12  # photos that each is matched with
@@ -46,25 +47,25 @@ def triangulated_points(model_folder: str | Path, image_folder: str | Path) -> P
             folder = Path(name)
             database = folder / "database.db"
             pairs = folder / "pairs.txt"
-            pairs.write_text(
-                "".join(
-                    f"{names[a]} {names[b]}\n" for a, b in pairs_by_pose(poses, range(_NEIGHBOURS))
-                )
-            )
             pycolmap.extract_features(
                 database, image_folder, names, camera_mode=pycolmap.CameraMode.PER_IMAGE,
                 device=pycolmap.Device.cpu,
             )  # fmt: skip
             options = pycolmap.ImportedPairingOptions()
             options.match_list_path = str(pairs)
-            pycolmap.match_image_pairs(
-                database, pairing_options=options, device=pycolmap.Device.cpu
-            )
+            with numbered_names(database) as numbers:
+                near = pairs_by_pose(poses, range(_NEIGHBOURS))
+                pairs.write_text(
+                    "".join(f"{numbers[names[a]]} {numbers[names[b]]}\n" for a, b in near)
+                )
+                pycolmap.match_image_pairs(
+                    database, pairing_options=options, device=pycolmap.Device.cpu
+                )
             (folder / "model").mkdir()
             set_cameras(database, cameras)
             posed = posed_model(database, dict(zip(names, poses, strict=True)))
             found = pycolmap.triangulate_points(posed, database, image_folder, folder / "model")
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, ValueError, sqlite3.Error) as error:
         raise ColmapModelError(
             f"points for {model_folder} could not be triangulated: {str(error).strip()}"
         ) from error
