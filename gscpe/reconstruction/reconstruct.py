@@ -7,7 +7,7 @@ import json
 import shutil
 from dataclasses import asdict
 from pathlib import Path
-from typing import Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from gscpe.reconstruction.disk import require_space, when_full
 from gscpe.reconstruction.frame import poses_of, settle_frame
 from gscpe.reconstruction.masks import prepare_masks
 from gscpe.reconstruction.pairs import choose_pairs, chosen_once
+from gscpe.reconstruction.parallax import parallax
 from gscpe.reconstruction.photos import (
     PreparedPhoto,
     prepare_photos,
@@ -38,6 +39,7 @@ from gscpe.reconstruction.sources import Source, find_source
 from gscpe.reconstruction.work_folder import open_work_folder
 
 _LEAST_PHOTOS = 3
+_LEAST_PARALLAX = 0.003  # 0.0006 for a mere turn, 0.016 to 0.025 for walks in and around houses
 
 
 def reconstruct(
@@ -66,8 +68,8 @@ def reconstruct(
         progress: show bars.
 
     Raises:
-        ReconstructionError: there are too few photos, all are blurred, they do not overlap; a
-            video cannot be decoded or hardly moves; the scale cannot be found.
+        ReconstructionError: there are too few photos, all are blurred, they do not overlap or are
+            from one spot; a video cannot be decoded or hardly moves; the scale cannot be found.
         PhotoError: a mask cannot be used.
         OutputError: the folder is of something else, or the disk is full.
         MissingDependencyError: pycolmap is not installed.
@@ -83,40 +85,19 @@ def reconstruct(
     }
     open_work_folder(folder, stamp, resume, RESULT)
     clock = Clock()
-    images, database, models = folder / "images", folder / "database.db", folder / "models"
+    images, database = folder / "images", folder / "database.db"
     photos, unusable = _prepared(found, folder, settings, clock, progress)
     mask_folder = None
     if masks is not None:
         mask_folder = folder / "masks"
         prepare_masks(photos, Path(masks), mask_folder)
-    done = models / "done.json"
-    if not done.exists():
-        if not database.exists():
-            require_space(folder, BYTES_A_PHOTO * len(photos))
-        with clock.step("features"):
-            colmap.extract(database, photos, images, mask_folder, settings, progress)
-        with clock.step("matching"):
-            pairs = chosen_once(
-                folder / "pairs.json", lambda: choose_pairs(photos, images, settings, progress)
-            )
-            colmap.match(database, pairs, folder / "pairs.txt", progress)
-        with clock.step("placing"):
-            shutil.rmtree(models, ignore_errors=True)
-            placed = colmap.place(database, images, models, settings, len(photos), progress)
-        with when_full(done):
-            for number, each in enumerate(placed):
-                target = models / f"by-size-{number}"
-                target.mkdir(parents=True)
-                each.write(str(target))
-            done.write_text(json.dumps(len(placed)), encoding="utf-8")
-    count = int(json.loads(done.read_text(encoding="utf-8")))
-    read = colmap.require_pycolmap().Reconstruction
-    by_size = [read(str(models / f"by-size-{number}")) for number in range(count)]
+    by_size = _put_together(photos, folder, mask_folder, settings, clock, progress)
     features, shared = colmap.verified_pairs(database)
     if not by_size or by_size[0].num_reg_images() < _LEAST_PHOTOS:
         raise ReconstructionError(_why_none(photos, features, shared))
     model, *others = by_size
     placed_names = tuple(poses_of(model))
+    _check_parallax(database, placed_names)
     apart = tuple(
         tuple(name for name in poses_of(other) if name not in placed_names) for other in others
     )
@@ -142,6 +123,54 @@ def reconstruct(
     )
     write_result(folder / RESULT, result)
     return result
+
+
+def _put_together(
+    photos: Sequence[PreparedPhoto],
+    folder: Path,
+    mask_folder: Path | None,
+    settings: ReconstructionSettings,
+    clock: Clock,
+    progress: bool,
+) -> list[Any]:
+    """Models of photos that hang together, pycolmap.Reconstruction, largest first. What is in the
+    folder already is not done again."""
+    images, database, models = folder / "images", folder / "database.db", folder / "models"
+    done = models / "done.json"
+    if not done.exists():
+        if not database.exists():
+            require_space(folder, BYTES_A_PHOTO * len(photos))
+        with clock.step("features"):
+            colmap.extract(database, photos, images, mask_folder, settings, progress)
+        with clock.step("matching"):
+            pairs = chosen_once(
+                folder / "pairs.json", lambda: choose_pairs(photos, images, settings, progress)
+            )
+            colmap.match(database, pairs, folder / "pairs.txt", progress)
+        with clock.step("placing"):
+            shutil.rmtree(models, ignore_errors=True)
+            placed = colmap.place(database, images, models, settings, len(photos), progress)
+        with when_full(done):
+            for number, each in enumerate(placed):
+                target = models / f"by-size-{number}"
+                target.mkdir(parents=True)
+                each.write(str(target))
+            done.write_text(json.dumps(len(placed)), encoding="utf-8")
+    count = int(json.loads(done.read_text(encoding="utf-8")))
+    read = colmap.require_pycolmap().Reconstruction
+    return [read(str(models / f"by-size-{number}")) for number in range(count)]
+
+
+def _check_parallax(database: Path, names: Sequence[str]) -> None:
+    """Raises ReconstructionError where photos are from one spot: what a model says of distances is
+    made up then."""
+    moved = parallax(database, set(names))
+    if moved < _LEAST_PARALLAX:
+        raise ReconstructionError(
+            f"the {len(names)} photos that hang together were taken from one spot: what they share "
+            f"moves by {moved:.2%} of the picture beyond what turning the camera does, which does "
+            "not tell how far it is. Step sideways between two photos, do not only turn"
+        )
 
 
 def _prepared(
