@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Mapping, Sequence
+from typing import Mapping, Sequence
 
 import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import ReconstructionError
+from gscpe.geometry.camera import Camera
 from gscpe.geometry.neighbours import pairs_by_pose
 from gscpe.reconstruction import colmap
 from gscpe.reconstruction.disk import require_space, when_full
@@ -41,7 +42,7 @@ from gscpe.reconstruction.result import (
 )
 from gscpe.reconstruction.settings import PoseRefinementSettings, ReconstructionSettings
 from gscpe.reconstruction.work_folder import open_work_folder
-from gscpe.scene.colmap_database import set_cameras
+from gscpe.scene.colmap_database import pycolmap_camera, set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
 
 _LEAST_PHOTOS = 3
@@ -187,7 +188,8 @@ def _match(
         require_space(folder, BYTES_A_PHOTO * len(photos))
     with clock.step("features"):
         colmap.extract(database, photos, images, mask_folder, settings, progress)
-        set_cameras(database, {photo.name: _camera(photo) for photo in photos})
+        cameras = {photo.name: pycolmap_camera(Camera.parse(photo.camera)) for photo in photos}
+        set_cameras(database, cameras)
     with clock.step("matching"):
         pairs = chosen_once(
             folder / "pairs.json", lambda: _pairs(photos, images, given, settings, progress)
@@ -212,17 +214,6 @@ def _bounds(
 def _original(name: str, known: Mapping[str, Float64Array]) -> str:
     """Photos of some kinds are written as .jpg."""
     return name if name in known else name.removesuffix(".jpg")
-
-
-def _camera(photo: PreparedPhoto) -> Any:
-    """The pycolmap.Camera of a photo."""
-    model, width, height, *parameters = photo.camera.split()
-    return colmap.require_pycolmap().Camera(
-        model=model,
-        width=int(width),
-        height=int(height),
-        params=[float(parameter) for parameter in parameters],
-    )
 
 
 def _pairs(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Iterable, Iterator, Mapping
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.camera import Camera
 
 _NAMES = "gscpe_names"
 
@@ -74,6 +75,19 @@ def set_cameras(database: Path, cameras: Mapping[str, Any]) -> None:
             camera.camera_id = number
             camera.has_prior_focal_length = True
             stored.update_camera(camera)
+
+
+def pycolmap_camera(camera: Camera) -> Any:
+    """The pycolmap.Camera."""
+    import pycolmap
+
+    model, width, height, *parameters = camera.colmap_text().split()
+    return pycolmap.Camera(
+        model=model,
+        width=int(width),
+        height=int(height),
+        params=[float(parameter) for parameter in parameters],
+    )
 
 
 def posed_model(database: Path, poses: Mapping[str, Float64Array]) -> Any:

@@ -57,8 +57,9 @@ class ColmapCamera:
 
 @dataclass(frozen=True, eq=False)
 class ColmapImage:
-    """A registered photo: its name, ``cam_from_world``, (4, 4), and the id of its camera."""
+    """A registered photo: its id, name, ``cam_from_world``, (4, 4), and the id of its camera."""
 
+    image_id: int
     name: str
     cam_from_world: Float64Array
     camera_id: int
@@ -124,7 +125,7 @@ def _text_cameras(path: Path) -> Iterator[tuple[int, ColmapCamera]]:
 
 def _text_images(path: Path) -> Iterator[ColmapImage]:
     for line in image_lines(_text(path), str(path)):
-        yield ColmapImage(line.name, line.cam_from_world(), line.camera_id)
+        yield ColmapImage(line.image_id, line.name, line.cam_from_world(), line.camera_id)
 
 
 def _text(path: Path) -> str:
@@ -187,11 +188,11 @@ def _binary_cameras(path: Path) -> Iterator[tuple[int, ColmapCamera]]:
 def _binary_images(path: Path) -> Iterator[ColmapImage]:
     reader = _Reader(path)
     for _ in range(int(reader.values("Q")[0])):
-        _, *numbers, camera_id = reader.values("I7dI")
+        image_id, *numbers, camera_id = reader.values("I7dI")
         name = reader.name()
         reader.skip(24 * int(reader.values("Q")[0]))
         try:
             pose = se3.from_quaternion_translation(numbers[:4], numbers[4:])
         except PoseError as error:
             raise ColmapModelError(f"{path}, {name}: {error}") from None
-        yield ColmapImage(name, pose, int(camera_id))
+        yield ColmapImage(int(image_id), name, pose, int(camera_id))

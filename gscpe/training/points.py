@@ -11,6 +11,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray, UInt8Array
 from gscpe.errors import ColmapModelError, MissingDependencyError
+from gscpe.scene.colmap_files import read_colmap_files
 from gscpe.scene.gaussians import SH_C0
 from gscpe.scene.photo_name import with_slashes
 from gscpe.training.parameters import Parameters
@@ -82,11 +83,19 @@ def read_colmap_points(model_folder: str | Path) -> PointCloud | None:
         raise ColmapModelError(
             f"{model_folder} is not a readable COLMAP model: {str(error).strip()}"
         ) from error
-    return cloud_of(model) if len(model.points3D) >= LEAST_POINTS else None
+    if len(model.points3D) < LEAST_POINTS:
+        return None
+    # pycolmap ends names in text files at the first blank.
+    _, images = read_colmap_files(Path(model_folder))
+    return cloud_of(model, {image.image_id: image.name for image in images})
 
 
-def cloud_of(model: Any) -> PointCloud:
+def cloud_of(model: Any, names: Mapping[int, str]) -> PointCloud:
     """The points of a pycolmap.Reconstruction, in the order of their numbers.
+
+    Args:
+        model: with points.
+        names: of its photos, by their number.
 
     Raises:
         ColmapModelError: there are too few, or one is not finite.
@@ -97,7 +106,7 @@ def cloud_of(model: Any) -> PointCloud:
         photos = {element.image_id for element in point.track.elements}
         if len(photos) >= _LEAST_PHOTOS and point.error <= _MOST_ERROR:
             for photo in photos:
-                seen.setdefault(model.images[photo].name, []).append(index)
+                seen.setdefault(names[photo], []).append(index)
     return PointCloud(
         np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
         np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),

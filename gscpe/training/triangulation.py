@@ -7,11 +7,10 @@ import sqlite3
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 from gscpe.errors import ColmapModelError, MissingDependencyError
 from gscpe.geometry.neighbours import pairs_by_pose
-from gscpe.scene.colmap_database import numbered_names, posed_model, set_cameras
+from gscpe.scene.colmap_database import numbered_names, posed_model, pycolmap_camera, set_cameras
+from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.training.points import PointCloud, cloud_of
 
 _NEIGHBOURS = 12  # photos that each is matched with
@@ -25,7 +24,9 @@ def triangulated_points(model_folder: str | Path, image_folder: str | Path) -> P
 
     Raises:
         MissingDependencyError: pycolmap is not installed.
-        ColmapModelError: the model cannot be read, or too few points were found.
+        ColmapModelError: the model cannot be read, is of other photos, or too few points were
+            found.
+        CameraError: the model of a camera is not supported.
     """
     try:
         import pycolmap
@@ -33,13 +34,12 @@ def triangulated_points(model_folder: str | Path, image_folder: str | Path) -> P
         raise MissingDependencyError(
             "triangulating points needs pycolmap: pip install pycolmap"
         ) from error
-    model = pycolmap.Reconstruction(str(model_folder))
-    images = sorted((i for i in model.images.values() if i.has_pose), key=lambda i: i.name)
-    names = [image.name for image in images]
-    poses = np.tile(np.eye(4), (len(images), 1, 1))
-    for pose, image in zip(poses, images, strict=True):
-        pose[:3] = image.cam_from_world().matrix()
-    cameras = {image.name: model.cameras[image.camera_id] for image in images}
+    references = read_colmap_references(model_folder, image_folder)
+    names, poses = list(references.names), references.cam_from_world
+    cameras = {
+        name: pycolmap_camera(camera)
+        for name, camera in zip(names, references.cameras, strict=True)
+    }
     logged = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = 2  # pycolmap would tell of each photo
     try:
@@ -72,7 +72,7 @@ def triangulated_points(model_folder: str | Path, image_folder: str | Path) -> P
     finally:
         pycolmap.logging.minloglevel = logged
     try:
-        return cloud_of(found)
+        return cloud_of(found, {number: image.name for number, image in found.images.items()})
     except ColmapModelError as error:
         raise ColmapModelError(
             f"{model_folder} has no points, and triangulating them failed: {error}. Do the "

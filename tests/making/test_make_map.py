@@ -82,6 +82,10 @@ def test_photos_become_a_map_in_one_command(
     assert certificate.mean("psnr") > 10
     assert (output / "certificate.html").stat().st_size > 10_000
 
+    for other in (["--scale-from", "distance:IMG_0000.jpg,IMG_0008.jpg,9"], ["--test-every", "2"]):
+        assert main([*command, "--resume", *other]) == 2
+        assert "only the training is done again" in capsys.readouterr().err
+
 
 def test_known_poses(photos: tuple[Path, dict[str, NDArray[np.float64]]], tmp_path: Path) -> None:
     """Without structure from motion; points are triangulated. All photos are trained on."""
@@ -106,6 +110,9 @@ def test_known_poses(photos: tuple[Path, dict[str, NDArray[np.float64]]], tmp_pa
 
     with pytest.raises(SettingsError, match="metres_per_unit"):
         make_map(source, tmp_path / "b.gsmap", settings, ScaleSource("gps"))
+    with pytest.raises(TrainingError, match="--test-every 0"):
+        three = KnownPoses(folder, None, dict(list(upright.items())[:3]), cameras)
+        make_map(three, tmp_path / "three.gsmap", MakeMapSettings(test_every=8))
     with pytest.raises(TrainingError, match="at least 3"):
         few = KnownPoses(folder, None, dict(list(upright.items())[:2]), cameras)
         make_map(few, tmp_path / "c.gsmap", settings)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 from scenes import room
 from walks import WALK_CAMERA, walk_poses, write_jpeg, write_walk
 
@@ -165,6 +167,33 @@ def test_the_unit_of_a_length_that_photos_show(walk: Walk, tmp_path: Path) -> No
         for poses in (references.cam_from_world, [walk.poses[name] for name in references.names])
     )
     assert ours == pytest.approx(truth, rel=0.03)
+
+
+def test_photos_as_people_have_them(tmp_path: Path) -> None:
+    """Blanks and other letters in names, copies, HEIC that is called JPEG, a broken link."""
+    pillow_heif = pytest.importorskip("pillow_heif")
+    shots = [room().shoot(WALK_CAMERA, pose, samples=2).uint8 for pose in walk_poses(5)]
+    names = ("Küche 1.jpg", "Küche (2).JPG", "# 3.jpg", "sub dir/WhatsApp Bild um 12.03 4.jpg")
+    for name, shot in zip(names, shots, strict=False):
+        write_jpeg(tmp_path / "my photos" / name, shot)
+    folder = tmp_path / "my photos"
+    pillow_heif.from_pillow(Image.fromarray(shots[4])).save(folder / "from phone.HEIC", quality=95)
+    (folder / "from phone.HEIC").rename(folder / "from phone.jpg")
+    (folder / "Küche 1 - Copy.jpg").write_bytes((folder / "Küche 1.jpg").read_bytes())
+    (folder / "notes of mine.txt").write_text("buy milk")
+    (folder / "gone.jpg").symlink_to(tmp_path / "nowhere.jpg")
+    not_utf8 = folder / os.fsdecode(b"caf\xe9.jpg")
+    try:
+        not_utf8.write_bytes((folder / "Küche 1.jpg").read_bytes())
+    except OSError:  # this file system has none
+        not_utf8 = folder
+    result = reconstruct(folder, tmp_path / "my model")
+    assert set(result.placed) == {*names, "from phone.jpg"}
+    assert result.not_placed["Küche 1 - Copy.jpg"] == "is a copy of Küche 1.jpg"
+    if not_utf8 != folder:
+        assert "not UTF-8" in result.not_placed[not_utf8.name]
+    references = read_colmap_references(result.model_folder, result.image_folder)
+    assert set(references.names) == set(result.placed)
 
 
 def test_too_few_photos(tmp_path: Path) -> None:

@@ -28,9 +28,10 @@ def test_points_are_triangulated_at_the_known_poses(
 ) -> None:
     camera, poses = room_camera(200, 150), {}
     for i in range(5):
-        poses[f"{i}.png"] = se3.exp(rng.normal(0.0, (0.12,) * 3 + (0.03,) * 3)) @ ROOM_POSE
-        shot = room().shoot(camera, poses[f"{i}.png"], samples=2)
-        write_image(tmp_path / "photos" / f"{i}.png", shot.uint8)
+        name = f"photo {i}.png"
+        poses[name] = se3.exp(rng.normal(0.0, (0.12,) * 3 + (0.03,) * 3)) @ ROOM_POSE
+        shot = room().shoot(camera, poses[name], samples=2)
+        write_image(tmp_path / "photos" / name, shot.uint8)
     write_colmap_model(tmp_path / "model", camera, poses)
     before = {path.name: path.read_bytes() for path in (tmp_path / "model").iterdir()}
     assert read_colmap_points(tmp_path / "model") is None

@@ -22,6 +22,7 @@ class ImageLine:
     """A photo's line: where it stands, for errors, and what it says."""
 
     where: str
+    image_id: int
     pose: str
     camera_id: int
     name: str
@@ -64,7 +65,7 @@ def image_lines(text: str, source: str) -> Iterator[ImageLine]:
                 f"{where}: expected 'IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME', "
                 f"got {line[:60]!r}"
             )
-        yield ImageLine(where, " ".join(words[1:8]), int(words[8]), words[9])
+        yield ImageLine(where, int(words[0]), " ".join(words[1:8]), int(words[8]), words[9])
         points_are_next = True
 
 
