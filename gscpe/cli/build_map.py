@@ -39,7 +39,9 @@ _log = logging.getLogger(__name__)
 
 
 def add_parser(commands: Commands) -> None:
-    parser = commands.add_parser("build-map", help="make a map from a splat and its photos")
+    parser = commands.add_parser(
+        "build-map", help="make a map from a splat, with its photos or without"
+    )
     parser.add_argument(
         "splat", help="trained 3D Gaussian splat (.ply; also .spz, .splat, .ksplat, .sog)"
     )
@@ -62,7 +64,6 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument(
         "--camera",
-        type=Camera.parse,
         metavar="CAMERA",
         help="with --virtual-references: pinhole camera of the renders, best that of the photos "
         "that the splat was trained on (default: "
@@ -134,7 +135,7 @@ def run(options: argparse.Namespace) -> int:
     alone = options.no_references or options.virtual_references
     if given != ((False, False) if alone else (True, True)):
         options.parser.error(
-            "give --colmap and --images, or --virtual-references, or --no-references"
+            "give --colmap and --images, or --no-references, or --virtual-references"
         )
     settings = MapSettings(
         retrieval=options.retrieval,
@@ -204,7 +205,7 @@ def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int
     check_method(settings.retrieval)
     looked_for = ViewpointSettings(up=options.up)
     if options.camera is not None:
-        looked_for = replace(looked_for, camera=options.camera)
+        looked_for = replace(looked_for, camera=Camera.parse(options.camera))
     scene = read_splat(options.splat)
     found = find_viewpoints(scene, looked_for, options.backend, progress=show_progress())
     map_ = map_with_virtual_references(

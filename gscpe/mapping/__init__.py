@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Making maps: from a trained splat and its photos, from a splat alone, or from one RGB-D photo;
-and whether they are good: whether splat and poses fit, and whether references come back to their own poses."""
+and whether they are good: whether splat and poses fit, and whether references come back to their
+own poses."""
 
 from gscpe.mapping.frame_check import check_frames, measure_misfit, with_fitting_axes
 from gscpe.mapping.from_rgbd import RgbdMapSettings, map_from_rgbd, scene_from_rgbd

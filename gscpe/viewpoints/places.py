@@ -37,7 +37,7 @@ _MOST_POINTS = 6000
 _BEST = 4
 """Scores are compared with that of the fifth best place: the very best may be an exception."""
 _CURIOSITY = 0.75
-_INSTEAD = "give photos and their poses (--colmap, --images), or --no-references"
+_INSTEAD = "build the map with photos and their poses (--colmap, --images), or with --no-references"
 _NOTHING = (
     "no viewpoint can be found: from nowhere in the free space does the splat show surfaces; "
     + _INSTEAD
