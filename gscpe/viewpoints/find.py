@@ -19,7 +19,7 @@ from gscpe.viewpoints.upright import axes_along, find_up
 
 @dataclass(frozen=True, eq=False)
 class Viewpoints:
-    """Where views of a splat are worth rendering, the best first.
+    """Where views of a splat are worth rendering; the first is from the best place.
 
     Attributes:
         cam_from_world: (N, 4, 4), world to camera, in the frame and unit of the splat; upright.

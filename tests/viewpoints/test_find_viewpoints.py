@@ -112,6 +112,12 @@ def test_neither_unit_nor_axes_need_be_known(scale: float) -> None:
     assert inside(back).all()
 
 
+def test_an_origin_far_away_is_added_once() -> None:
+    origin = np.array([5e5, 4e6, 100.0])
+    far = find_viewpoints(replace(room(), origin=origin), replace(SETTINGS, seeds=6, grown=6))
+    assert inside(centres(far.cam_from_world) - origin).all()
+
+
 def test_up_can_be_given() -> None:
     given = find_viewpoints(room(), replace(SETTINGS, up=(0.0, -3.0, 0.3)))
     up = np.array([0.0, -3.0, 0.3]) / np.linalg.norm([0.0, -3.0, 0.3])
