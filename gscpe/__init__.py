@@ -69,6 +69,7 @@ from gscpe.mapping import (
     check_frames,
     check_map,
     map_from_rgbd,
+    map_with_virtual_references,
     map_without_references,
     measure_misfit,
     read_transform,
@@ -111,6 +112,7 @@ from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.moved import move_references, move_scene
 from gscpe.scene.poses import PoseFile, read_pose_file, write_pose_file
 from gscpe.scene.query_list import Query, read_query_list
+from gscpe.viewpoints import Viewpoints, ViewpointSettings, find_viewpoints
 
 if TYPE_CHECKING:
     from gscpe.benchmark import BenchmarkSettings as BenchmarkSettings
@@ -294,6 +296,8 @@ __all__ = [
     "TrustSettings",
     "UncertaintySettings",
     "VerificationSettings",
+    "ViewpointSettings",
+    "Viewpoints",
     "VisibilitySettings",
     "WorkerError",
     "benchmark_scene",
@@ -302,9 +306,11 @@ __all__ = [
     "check_frames",
     "check_map",
     "evaluate",
+    "find_viewpoints",
     "make_map",
     "make_matcher",
     "map_from_rgbd",
+    "map_with_virtual_references",
     "map_without_references",
     "measure_misfit",
     "move_references",

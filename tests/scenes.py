@@ -17,12 +17,14 @@ import numpy as np
 from helpers import distorted_projection
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, spline_filter
+from scipy.spatial.transform import Rotation
 
 from gscpe.geometry import Camera, se3
 from gscpe.geometry.projection import pixel_centres
 from gscpe.mapping import map_from_rgbd
 from gscpe.render import RenderedView
-from gscpe.scene import Map
+from gscpe.scene import GaussianScene, Map
+from gscpe.scene.gaussians import SH_C0, joined
 from gscpe.scene.poses.hloc import format_pose
 
 _TEXELS = 256
@@ -246,3 +248,56 @@ def write_colmap_model(
         lines += [f"{number} {format_pose(pose)} 1 {name}", ""]
     (folder / "images.txt").write_text("\n".join(lines) + "\n")
     (folder / "points3D.txt").write_text("# points\n")
+
+
+def furnished_room() -> World:
+    """A closed room, 4 m by 3.4 m and 2.4 m high, with a table and a cupboard; z is up, and the
+    floor is at 0. No texture is that of another face."""
+    x, y, z = np.eye(3)
+
+    def face(number: int, centre: Sequence[float], a: float, b: float, *axes: object) -> Plane:
+        texture = _texture(100 + number, (2.2, 4.5, 9.0), (0.5, 0.5, 0.5))
+        return Plane(np.array(centre), np.array(axes, dtype=np.float64), (a, b), texture)
+
+    return World(
+        (
+            face(0, (0, 0, 0), 2.0, 1.7, x, y),
+            face(1, (0, 0, 2.4), 2.0, 1.7, x, y),
+            face(2, (-2, 0, 1.2), 1.7, 1.2, y, z),
+            face(3, (2, 0, 1.2), 1.7, 1.2, y, z),
+            face(4, (0, -1.7, 1.2), 2.0, 1.2, x, z),
+            face(5, (0, 1.7, 1.2), 2.0, 1.2, x, z),
+            face(6, (1.3, 1.0, 0.7), 0.6, 0.5, x, y),
+            face(7, (1.3, 0.5, 0.35), 0.6, 0.35, x, z),
+            face(8, (-1.4, -1.2, 1.0), 0.4, 0.5, x, y),
+            face(9, (-1.4, -0.7, 0.5), 0.4, 0.5, x, z),
+            face(10, (-1.0, -1.2, 0.5), 0.5, 0.5, y, z),
+        )
+    )
+
+
+def splat_of(world: World, step: float = 0.04) -> GaussianScene:
+    """Flat Gaussians on all planes of a world, which must be bounded, so far apart."""
+    parts = []
+    for plane in world.planes:
+        rows = [np.arange(-half + step / 2, half, step) for half in plane.half_size]
+        a, b = (grid.ravel() for grid in np.meshgrid(*rows, indexing="ij"))
+        at = np.stack([b, a]) / plane.texel
+        rgb = [
+            map_coordinates(channel, at, order=3, mode="grid-wrap", prefilter=False)
+            for channel in plane.texture
+        ]
+        axes = np.stack([*plane.axes, np.cross(*plane.axes)], axis=1)
+        quaternion = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+        parts.append(
+            GaussianScene(
+                means=(plane.origin + np.stack([a, b], 1) @ plane.axes).astype(np.float32),
+                quaternions=np.tile(quaternion, (len(a), 1)).astype(np.float32),
+                scales=np.tile([0.5 * step, 0.5 * step, 0.03 * step], (len(a), 1)).astype(
+                    np.float32
+                ),
+                opacities=np.full(len(a), 0.95, dtype=np.float32),
+                sh=((np.stack(rgb, axis=1) - 0.5) / SH_C0).astype(np.float32)[:, None],
+            )
+        )
+    return joined(parts)

@@ -10,7 +10,11 @@ are lifted with the rendered depth, and must land in the reference at the depth 
 to 5%. VLAD depends on the vocabulary that k-means happens to find, so each number is a mean over
 --seeds vocabularies, with the least and greatest.
 
+With --every, so many references are left out, and only photos are compared: "1 3 10" means all
+of them, every third and every tenth.
+
 Usage: .venv/bin/python tools/bench_retrieval.py [--gap FRAMES] [--seeds N] [--onnx PATH]
+           [--every 1 3 10]
        .venv/bin/python tools/bench_retrieval.py --index COUNT [--dimension D] [--probes N]
 """
 
@@ -72,6 +76,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=5, help="default: %(default)s")
     parser.add_argument("--queries", type=int, default=100, help="so many, evenly spaced")
     parser.add_argument("--onnx", metavar="PATH", help="an exported network, too")
+    parser.add_argument("--every", nargs="+", type=int, metavar="N", help="of the references")
     parser.add_argument("--index", type=float, metavar="COUNT", help="time the search of as many")
     parser.add_argument("--dimension", type=int, default=512, help="of them")
     parser.add_argument("--probes", type=int, default=IndexSettings.probes, help="of the index")
@@ -79,7 +84,10 @@ def main() -> int:
     if options.index:
         bench_index(int(options.index), options.dimension, options.probes)
         return 0
-    bench_redkitchen(redkitchen(), methods(options.onnx), options)
+    found = methods(options.onnx)
+    if options.every:
+        found = [method for method in found if "features" not in method.name]
+    bench_redkitchen(redkitchen(), found, options)
     return 0
 
 
@@ -110,7 +118,7 @@ def degraded(rgb: UInt8Array) -> UInt8Array:
 def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespace) -> None:
     references = read_colmap_references(data / "sparse" / "0", data / "references")
     photos = [read_image(data / "references" / name) for name in references.names]
-    cases = read_cases(data, options.queries)
+    cases = read_cases(data, options.queries) if options.queries else []
     asked = [*photos, *(case.image for case in cases)]
     names = [*references.names, *(case.query.name for case in cases)]
     poses = [*references.cam_from_world, *(case.truth for case in cases)]
@@ -120,10 +128,14 @@ def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespac
             renderer.render(camera.resized(*GRID), pose).depth
             for camera, pose in zip(cameras, poses, strict=True)
         ]
-        renders = [
-            to_uint8(renderer.render(camera, pose).rgb)
-            for camera, pose in zip(references.cameras, references.cam_from_world, strict=True)
-        ]
+        renders = (
+            []
+            if options.every
+            else [
+                to_uint8(renderer.render(camera, pose).rgb)
+                for camera, pose in zip(references.cameras, references.cam_from_world, strict=True)
+            ]
+        )
     overlap = overlaps(poses, cameras, depths, len(photos))
     near = nearness(poses, len(photos))
     frames = np.array([int(re.findall(r"\d+", name)[0]) for name in names])
@@ -135,6 +147,9 @@ def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespac
         f"{have[0]:.0%} of the queries have a reference within {NEAR:g} m/{NEAR_DEGREES:g}°, "
         f"{have[1]:.0%} one that sees {OVERLAP:.0%} of them; only these count in the columns\n"
     )
+    if options.every:
+        bench_few(found, options, photos, asked, near, overlap, allowed)
+        return
     kinds = {
         "photos": photos,
         "renders": renders,
@@ -162,6 +177,39 @@ def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespac
         ["references are", "method", f"{NEAR:g} m/{NEAR_DEGREES:g}°: top 1", "of top 3",
          f"sees {OVERLAP:.0%}: top 1", "of top 3", "overlap of top 1, of the possible",
          "ms a photo"],
+        rows(),
+    )  # fmt: skip
+
+
+def bench_few(
+    found: list[Method],
+    options: argparse.Namespace,
+    photos: list[UInt8Array],
+    asked: list[UInt8Array],
+    near: BoolArray,
+    overlap: Float64Array,
+    allowed: BoolArray,
+) -> None:
+    """The table for --every; photos come first among those that are asked for."""
+
+    def rows() -> Iterator[list[str]]:
+        for method in found:
+            local = [method.extract(image) for image in asked]
+            for every in options.every:
+                kept = slice(0, len(photos), every)
+                of_seed = [
+                    shares(
+                        *(method, seed, local[kept], local),
+                        *(near[:, kept], overlap[:, kept], allowed[:, kept]),
+                    )
+                    for seed in range(options.seeds if method.words else 1)
+                ]
+                columns = [f"{np.mean(column):.2f}" for column in zip(*of_seed, strict=True)]
+                yield [method.name, str(len(photos[kept])), *columns]
+
+    table(
+        ["method", "references", f"{NEAR:g} m/{NEAR_DEGREES:g}°: top 1", "of top 3",
+         f"sees {OVERLAP:.0%}: top 1", "of top 3", "overlap of top 1, of the possible"],
         rows(),
     )  # fmt: skip
 

@@ -6,8 +6,10 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from dataclasses import replace
 
 from gscpe.cli.common import Commands, add_backend, show_progress
+from gscpe.geometry.camera import Camera
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.mapping import (
     FrameCheckSettings,
@@ -15,6 +17,7 @@ from gscpe.mapping import (
     build_map,
     check_frames,
     check_map,
+    map_with_virtual_references,
     map_without_references,
     measure_misfit,
     read_transform,
@@ -26,6 +29,7 @@ from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.moved import move_references, move_scene
 from gscpe.scene.splat_kind import may_have_other_axes
+from gscpe.viewpoints import ViewpointSettings, find_viewpoints
 
 _NOT_GOOD = 4
 """Exit status: the map was written, but its references do not come back to their own poses."""
@@ -35,7 +39,9 @@ _log = logging.getLogger(__name__)
 
 
 def add_parser(commands: Commands) -> None:
-    parser = commands.add_parser("build-map", help="make a map from a splat and its photos")
+    parser = commands.add_parser(
+        "build-map", help="make a map from a splat, with its photos or without"
+    )
     parser.add_argument(
         "splat", help="trained 3D Gaussian splat (.ply; also .spz, .splat, .ksplat, .sog)"
     )
@@ -43,7 +49,27 @@ def add_parser(commands: Commands) -> None:
         "--colmap", metavar="MODEL_DIR", help="COLMAP model of the photos, in the splat's frame"
     )
     parser.add_argument("--images", metavar="IMAGE_DIR", help="the model's photos")
+    alone = parser.add_mutually_exclusive_group()
+    alone.add_argument(
+        "--virtual-references",
+        action="store_true",
+        help="a splat alone, without photos: places are recognized by renders from viewpoints that "
+        "are found in its free space",
+    )
     parser.add_argument(
+        "--up",
+        type=_direction,
+        metavar="X,Y,Z",
+        help="with --virtual-references: the direction that is up in the splat (default: found)",
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="CAMERA",
+        help="with --virtual-references: pinhole camera of the renders, best that of the photos "
+        "that the splat was trained on (default: "
+        f"{ViewpointSettings().camera.colmap_text().replace(' ', ',')})",
+    )
+    alone.add_argument(
         "--no-references",
         action="store_true",
         help="a splat alone, without photos: every query then needs a prior pose",
@@ -106,19 +132,24 @@ def add_parser(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     given = options.colmap is not None, options.images is not None
-    if given != ((False, False) if options.no_references else (True, True)):
-        options.parser.error("give --colmap and --images, or --no-references")
+    alone = options.no_references or options.virtual_references
+    if given != ((False, False) if alone else (True, True)):
+        options.parser.error(
+            "give --colmap and --images, or --no-references, or --virtual-references"
+        )
     settings = MapSettings(
         retrieval=options.retrieval,
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
-    if options.no_references and (options.fit or options.transform):
+    if alone and (options.fit or options.transform):
         options.parser.error("--fit and --transform move reference poses; there are none")
     if options.poses_in != "splat" and not (options.fit or options.transform):
         options.parser.error("--poses-in goes with --fit or --transform")
     moved_by = None if options.transform is None else read_transform(options.transform)
     check_map_output(options.output, compress=options.compress)
-    if (options.no_references or options.no_check) and may_have_other_axes(options.splat):
+    if (options.up or options.camera) and not options.virtual_references:
+        options.parser.error("--up and --camera go with --virtual-references")
+    if (alone or options.no_check) and may_have_other_axes(options.splat):
         print(
             f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
             "they are stored (y and z may be negated against the .ply)",
@@ -130,6 +161,8 @@ def run(options: argparse.Namespace) -> int:
         save_map(map_, options.output, compress=options.compress)
         print(f"{options.output}: {len(scene)} Gaussians, no reference photos")
         return 0
+    if options.virtual_references:
+        return _from_splat_alone(settings, options)
     check_method(settings.retrieval)
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)
@@ -158,7 +191,7 @@ def run(options: argparse.Namespace) -> int:
         )
     map_ = build_map(scene, references, options.images, settings, progress=show_progress())
     save_map(map_, options.output, compress=options.compress)
-    written = f"{options.output}: {len(scene)} Gaussians, {len(references)} reference photos"
+    written = f"{options.output}: {len(scene)} Gaussians, {references.count_text()}"
     try:
         status = 0 if options.no_check else _check_what_was_written(options)
     except KeyboardInterrupt:
@@ -166,6 +199,35 @@ def run(options: argparse.Namespace) -> int:
         raise
     print(written)
     return status
+
+
+def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int:
+    check_method(settings.retrieval)
+    looked_for = ViewpointSettings(up=options.up)
+    if options.camera is not None:
+        looked_for = replace(looked_for, camera=Camera.parse(options.camera))
+    scene = read_splat(options.splat)
+    found = find_viewpoints(scene, looked_for, options.backend, progress=show_progress())
+    map_ = map_with_virtual_references(
+        scene, settings, found, options.backend, progress=show_progress()
+    )
+    save_map(map_, options.output, compress=options.compress)
+    up = ",".join(f"{x:.2f}" for x in found.up)
+    print(f"{options.output}: {len(scene)} Gaussians, {map_.references.count_text()}, no photos")
+    if options.up is None:
+        print(f"up was taken to be {up}; if that is wrong, give --up")
+    return 0
+
+
+def _direction(text: str) -> tuple[float, float, float]:
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"give three numbers, as 0,-1,0; not {text!r}")
+    try:
+        x, y, z = (float(part) for part in parts)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"give three numbers, as 0,-1,0; not {text!r}") from None
+    return x, y, z
 
 
 def _fitted(

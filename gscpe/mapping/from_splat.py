@@ -56,7 +56,7 @@ def build_map(
         ModelError: the network that is to describe them is missing, or cannot be used.
         MissingDependencyError: it needs onnxruntime, and that is not installed.
     """
-    _check_scene(scene)
+    check_scene(scene)
     if not isinstance(references, References):
         raise MapError(
             f"references must be References, not a {type(references).__name__}; "
@@ -80,7 +80,7 @@ def map_without_references(scene: GaussianScene, metres_per_unit: float | None =
     Raises:
         SplatError: the scene is something else, a path for example.
     """
-    _check_scene(scene)
+    check_scene(scene)
     nothing = np.zeros((0, 0), dtype=np.float32)
     return Map.of(
         scene=scene,
@@ -90,7 +90,8 @@ def map_without_references(scene: GaussianScene, metres_per_unit: float | None =
     )
 
 
-def _check_scene(scene: GaussianScene) -> None:
+def check_scene(scene: GaussianScene) -> None:
+    """Raises SplatError where the scene is something else."""
     if not isinstance(scene, GaussianScene):
         raise SplatError(
             f"a map is made of a GaussianScene, not of a {type(scene).__name__}; "

@@ -77,6 +77,6 @@ class Map:
         unit = self.metres_per_unit
         length = "of unknown length" if unit is None else f"= {unit:g} m"
         return (
-            f"Map({len(self.scene)} Gaussians, {len(self.references)} reference photos "
+            f"Map({len(self.scene)} Gaussians, {self.references.count_text()} "
             f"described by {self.descriptors.method}, 1 unit {length})"
         )

@@ -209,7 +209,12 @@ def _describer_model(data: Mapping[str, Any]) -> DescriberModel:
 
 def _references_to_json(references: References) -> bytes:
     entries = [
-        {"name": name, "camera": camera.colmap_text(), "cam_from_world": pose.tolist()}
+        {
+            "name": name,
+            "camera": camera.colmap_text(),
+            "cam_from_world": pose.tolist(),
+            **({"virtual": True} if references.virtual else {}),
+        }
         for name, camera, pose in zip(
             references.names, references.cameras, references.cam_from_world, strict=True
         )
@@ -223,4 +228,5 @@ def _references_from_json(data: bytes) -> References:
         names=tuple(str(entry["name"]) for entry in entries),
         cam_from_world=np.array([entry["cam_from_world"] for entry in entries], dtype=np.float64),
         cameras=tuple(Camera.parse(entry["camera"]) for entry in entries),
+        virtual=any(entry.get("virtual", False) for entry in entries),
     )

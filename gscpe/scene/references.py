@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reference photos: what a map knows about the places it was built from."""
+"""References: what a map knows about the places it was built from."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ class References:
         names: N file names, relative to the image folder.
         cam_from_world: (N, 4, 4) float64.
         cameras: N cameras.
+        virtual: whether they are renders of the splat, not photos; their names then name no files.
     """
 
     names: tuple[str, ...]
     cam_from_world: Float64Array
     cameras: tuple[Camera, ...]
+    virtual: bool = False
 
     def __post_init__(self) -> None:
         if not len(self.names) == len(self.cam_from_world) == len(self.cameras):
@@ -36,10 +38,15 @@ class References:
     def __len__(self) -> int:
         return len(self.names)
 
+    def count_text(self) -> str:
+        """How many there are of which kind, for people."""
+        return f"{len(self)} {'virtual references' if self.virtual else 'reference photos'}"
+
     def __repr__(self) -> str:
         if len(self) < 3:
             return f"References({', '.join(self.names)})"
-        return f"References({len(self)} photos: {self.names[0]}, ..., {self.names[-1]})"
+        kind = "renders" if self.virtual else "photos"
+        return f"References({len(self)} {kind}: {self.names[0]}, ..., {self.names[-1]})"
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the search for viewpoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gscpe.errors import SettingsError
+from gscpe.geometry.camera import Camera
+
+
+def _typical_camera() -> Camera:
+    return Camera.pinhole(640, 480, fx=530.0, fy=530.0, cx=320.0, cy=240.0)
+
+
+@dataclass(frozen=True)
+class ViewpointSettings:
+    """How viewpoints are looked for, and what makes a good one.
+
+    Lengths are relative to the splat's own, so that its unit does not matter.
+
+    Attributes:
+        camera: of the views; pinhole. Photos are resized to its pixels per radian before they are
+            localized, so it is best that of the photos that the splat was trained on.
+        up: the direction that is up in the splat's frame; None: found in the splat.
+        most: views at most, the best ones.
+        spacing: between neighbouring viewpoints, relative to the least extent of the splat's core.
+        clearance: to the next surface at least, relative to the spacing.
+        seeds: places that are tried first, spread over the free space.
+        grown: places beside good ones that are tried after that.
+        margin: in scores (natural logarithms) by which a view may be worse than the best.
+        yaw_step: degrees between views at one place.
+        pitch_down: degrees by which views look below the horizon, as photos mostly do.
+        min_covered: share of a view that must show the splat.
+        max_thickness: standard deviation of depth along a ray relative to depth (median of a
+            view), above which a view shows haze and no surface.
+    """
+
+    camera: Camera = field(default_factory=_typical_camera)
+    up: tuple[float, float, float] | None = None
+    most: int = 200
+    spacing: float = 0.25
+    clearance: float = 0.4
+    seeds: int = 32
+    grown: int = 96
+    margin: float = 1.5
+    yaw_step: float = 30.0
+    pitch_down: float = 10.0
+    min_covered: float = 0.6
+    max_thickness: float = 0.45
+
+    def __post_init__(self) -> None:
+        if min(self.most, self.seeds) < 1 or self.grown < 0:
+            raise SettingsError("viewpoints need at least one seed, and one view")
+        if not (self.spacing > 0 and self.clearance > 0 and 0 < self.yaw_step <= 90):
+            raise SettingsError("spacing and clearance must be positive, yaw_step at most 90")
+        if not self.camera.is_pinhole:
+            raise SettingsError("views are rendered: their camera must be a pinhole")
+        if self.up is not None and not (
+            len(self.up) == 3 and 1e-6 < sum(x * x for x in self.up) < float("inf")
+        ):
+            raise SettingsError(f"up must be a direction of three numbers, not {self.up}")
