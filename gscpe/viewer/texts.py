@@ -29,6 +29,11 @@ def summary_html(name: str, splat: BrowserSplat, contents: Contents) -> str:
     return f'<div style="{_STYLE}">{" ".join(sentences)}</div>'
 
 
+def news_html(text: str) -> str:
+    """What is going on."""
+    return f'<div style="{_STYLE}"><b>{escape(text)}</b></div>'
+
+
 def legend_html(contents: Contents) -> str:
     """The colours of the kinds of cameras that are there."""
     entries = [

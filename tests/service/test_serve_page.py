@@ -1,32 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page in a real browser, as a phone shows it: tools/test --full installs what this needs."""
+"""The page in a real browser, as a phone shows it."""
 
 from __future__ import annotations
 
-import importlib.util
-import shutil
 from pathlib import Path
-from typing import Any, Iterator
+from typing import Any, ContextManager, Iterator
 
 import pytest
 from batch_room import CAMERA, RoomFolder, make_room, wait_until
+from browser import chromium, needs_browser
 from serving import Serving, serving
 
 from gscpe.batch import shelf_order
 from gscpe.service.service import Service, ServiceSettings
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-DRIVER = shutil.which("chromedriver")
-
-pytestmark = [
-    pytest.mark.skipif(BROWSER is None or DRIVER is None, reason="Chromium is not installed"),
-    pytest.mark.skipif(
-        importlib.util.find_spec("selenium") is None, reason="selenium is not installed"
-    ),
-    pytest.mark.skipif(
-        importlib.util.find_spec("fastapi") is None, reason="fastapi is not installed"
-    ),
-]
+pytestmark = needs_browser("fastapi")
 
 TOKEN = "0123456789abcdef0123"
 
@@ -45,23 +33,18 @@ def server(room: RoomFolder) -> Iterator[Serving]:
 
 @pytest.fixture(scope="module")
 def phone() -> Iterator[Any]:
-    from selenium import webdriver
+    with phone_chromium() as driver:
+        yield driver
 
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(BROWSER)
-    for option in (
-        *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage"),
-        *("--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"),
-    ):
-        options.add_argument(option)
-    metrics = {"width": 390, "height": 844, "pixelRatio": 2.0, "mobile": True}
-    options.add_experimental_option("mobileEmulation", {"deviceMetrics": metrics})
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(DRIVER)))
-    driver.set_page_load_timeout(120)
-    driver.set_script_timeout(120)
-    yield driver
-    driver.quit()
+
+def phone_chromium(*options: str) -> ContextManager[Any]:
+    """A phone; its camera sees Chromium's own test picture unless options say otherwise."""
+    return chromium(
+        "--use-fake-device-for-media-stream",
+        "--use-fake-ui-for-media-stream",
+        *options,
+        phone={"width": 390, "height": 844, "pixelRatio": 2.0, "mobile": True},
+    )
 
 
 def text(phone: Any, name: str) -> str:
