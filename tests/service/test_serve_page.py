@@ -6,12 +6,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ContextManager, Iterator
 
+import cv2
+import moving_camera
 import pytest
 from batch_room import CAMERA, RoomFolder, make_room, wait_until
 from browser import chromium, needs_browser
 from serving import Serving, serving
 
 from gscpe.batch import shelf_order
+from gscpe.geometry import pose_difference
+from gscpe.scene.poses.hloc import parse_pose
 from gscpe.service.service import Service, ServiceSettings
 
 pytestmark = needs_browser("fastapi")
@@ -45,6 +49,16 @@ def phone_chromium(*options: str) -> ContextManager[Any]:
         *options,
         phone={"width": 390, "height": 844, "pixelRatio": 2.0, "mobile": True},
     )
+
+
+def write_film(path: Path) -> None:
+    """Back and forth through the room, in the form that Chromium's camera plays over and over."""
+    steps = (*range(8), *range(7, 0, -1))
+    with path.open("wb") as file:
+        file.write(b"YUV4MPEG2 W240 H180 F5:1 Ip A1:1 C420jpeg\n")
+        for step in steps:
+            yuv = cv2.cvtColor(moving_camera.picture(step), cv2.COLOR_RGB2YUV_I420)
+            file.write(b"FRAME\n" + yuv.tobytes())
 
 
 def text(phone: Any, name: str) -> str:
@@ -119,3 +133,35 @@ def test_the_live_camera(phone: Any, server: Serving) -> None:
     phone.execute_script("document.getElementById('live').click()")
     assert text(phone, "live") == "Live camera"
     assert text(phone, "status") == ""
+
+
+def test_a_camera_is_followed(server: Serving, tmp_path: Path) -> None:
+    """From the first frame, which is localized, on: its pose moves as the film does."""
+    write_film(tmp_path / "film.y4m")
+    with phone_chromium(f"--use-file-for-fake-video-capture={tmp_path / 'film.y4m'}") as phone:
+        phone.get(server.url)
+        write(phone, "token", TOKEN)
+        wait_until(lambda: phone.find_elements("css selector", "#drawing svg image"))
+        write(phone, "camera", CAMERA.colmap_text())
+        phone.get_log("browser")
+        phone.execute_script("document.getElementById('live').click()")
+        wait_until(lambda: text(phone, "status") == "Following the camera.", 120)
+        assert phone.find_element("id", "video").is_displayed()
+        seen = set()
+
+        def different() -> bool:
+            facts = text(phone, "facts")
+            if "Milliseconds" in facts:
+                seen.add(facts.partition("Standard")[0])
+            return len(seen) > 2
+
+        wait_until(different, 120)
+        for pose in seen:
+            found = parse_pose(pose.removeprefix("Pose"))
+            apart = [pose_difference(found, moving_camera.pose(step)) for step in range(8)]
+            assert min(error.distance for error in apart) < 0.03
+        assert phone.find_elements("css selector", "#here circle")
+        phone.save_screenshot(str(tmp_path / "following.png"))
+        phone.execute_script("document.getElementById('live').click()")
+        assert text(phone, "live") == "Live camera"
+        assert phone.get_log("browser") == []
