@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gscpe.batch import check_outputs
+from gscpe.batch import check_outputs, named_maps
 from gscpe.cli.common import Commands, add_backend
 from gscpe.cli.page import add_page, check_page, open_page, page_settings, stay
 from gscpe.errors import OutputError
@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
         if Path(options.screenshot).is_dir():
             raise OutputError(f"--screenshot {options.screenshot} is a folder; give a file")
         check_outputs([options.screenshot], [path for path in inputs if path is not None])
-    findings = read_findings(*inputs)
+    (name,) = named_maps([options.map])
+    findings = read_findings(*inputs, name)
     map_ = open_map(options.map)
     contents = contents_of(map_, findings)
     if options.screenshot is not None:
