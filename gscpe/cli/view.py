@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     from gscpe.viewer.server import check_viser
 
     check_page(options)
-    inputs = [options.poses, options.details, options.truth, options.trajectory]
+    inputs = (options.poses, options.details, options.truth, options.trajectory)
     if options.screenshot is None:
         check_viser()
     else:
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
             raise OutputError(f"--screenshot {options.screenshot} is a folder; give a file")
         check_outputs([options.screenshot], [path for path in inputs if path is not None])
     (name,) = named_maps([options.map])
-    findings = read_findings(*inputs, name)
+    findings = read_findings(*inputs, map_name=name)
     map_ = open_map(options.map)
     contents = contents_of(map_, findings)
     if options.screenshot is not None:
