@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any, Mapping
+from typing import TYPE_CHECKING, Any
 
 from gscpe.geometry import se3
 from gscpe.render import Renderer
@@ -15,13 +15,12 @@ from gscpe.viewer.contents import Contents
 from gscpe.viewer.flight import Flight
 from gscpe.viewer.photo_over_map import PhotoOverMap, photo_over_map
 from gscpe.viewer.photos import Photos
-from gscpe.viewer.texts import photo_html
+from gscpe.viewer.texts import name_options, photo_html
 
 if TYPE_CHECKING:
     import viser
 
 _NONE = "\N{EM DASH}"
-_NO_MATCH = "(not localized)"
 
 
 class PhotoControls:
@@ -73,10 +72,8 @@ class PhotoControls:
         """Lists the photos that there are, of which the nodes are drawn."""
         with self._lock:
             self._contents, self._nodes = contents, nodes
-            for dropdown, options in (
-                (self._queries, _query_options(contents)),
-                (self._references, {c.name: c.name for c in contents.of_kind("reference")}),
-            ):
+            for dropdown, reference in ((self._queries, False), (self._references, True)):
+                options = _options(contents, reference)
                 if dropdown.options != (_NONE, *options):
                     dropdown.options = (_NONE, *options)
                 dropdown.visible = bool(options)
@@ -113,9 +110,9 @@ class PhotoControls:
             contents = self._contents
             if event.client is None or contents is None or dropdown.value == _NONE:
                 return
-            name = dropdown.value
-            if not reference:
-                name = _query_options(contents).get(name, name)
+            name = _options(contents, reference).get(dropdown.value)
+            if name is None:
+                return
             cameras = contents.of_kind("reference") if reference else ()
             shown = next((c for c in cameras if c.name == name), contents.best(name))
             if shown is not None:
@@ -167,8 +164,9 @@ class PhotoControls:
             self._chosen = None
 
 
-def _query_options(contents: Contents) -> Mapping[str, str]:
-    """Names of photos, by what the list shows."""
-    refused = {each.name for each in contents.refused}
+def _options(contents: Contents, reference: bool) -> dict[str, str]:
+    """Names of photos, by what their list shows."""
+    if reference:
+        return name_options([c.name for c in contents.of_kind("reference")], ())
     names = dict.fromkeys(c.name for c in contents.cameras if c.kind != "reference")
-    return {f"{n} {_NO_MATCH}" if n in refused else n: n for n in names}
+    return name_options(names, {each.name for each in contents.refused})

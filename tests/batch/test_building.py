@@ -22,7 +22,7 @@ from gscpe.batch import (
 )
 from gscpe.batch.shelf import map_bytes, shelf_bytes
 from gscpe.cli.main import main
-from gscpe.errors import MapError, SettingsError
+from gscpe.errors import MapError, PoseError, SettingsError
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization import PosePrior
 from gscpe.mapping import map_from_rgbd
@@ -132,6 +132,8 @@ def test_poses_of_a_list_go_to_a_file_of_each_map(house: Path, listed: Path) -> 
     assert set(details["elsewhere.png"]["maps_tried"]) == set(NAMES)
     assert details["elsewhere.png"]["status"] == "not localized"
     assert details["missing.png"]["status"] == "failed"
+    with pytest.raises(PoseError, match=r"in several maps \(hall, kitchen, office\)"):
+        read_pose_file(listed / "poses.details.jsonl")
 
 
 def test_a_page_shows_the_photos_of_its_map(house: Path, listed: Path) -> None:

@@ -1,0 +1,159 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Photos looked for in many maps: how long retrieval and opening take, and the memory of it.
+
+Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_building.py kitchen.gsmap ROOMS_DIR [--maps 20]
+       [--photos N] [--memory GB]
+
+The map of RedKitchen is cut into one map less than --maps, which are kept in ROOMS_DIR: each has
+some consecutive reference photos, a vocabulary learned from these alone, and the Gaussians that
+they show. RedKitchen's photos are then looked for in the whole map and in all of these, first
+with --memory, then without a limit (memory that was once taken is not always given back). The
+exit status is 0 if every photo that was localized is within 5 cm and 5 degrees of its true pose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from _common import Case, error_of, progress, read_cases, redkitchen, table
+
+from gscpe.batch import Building, OnePhoto, Shelf, shelf_order
+from gscpe.geometry.projection import project, transform_points
+from gscpe.localization import Localizer
+from gscpe.mapping import build_map
+from gscpe.scene import Map, open_map, save_map
+from gscpe.scene.map_frame import typical_depth
+from gscpe.scene.references import References
+
+_FAR = 2.0  # typical depths: what is farther is not of the room
+_RIGHT = 5.0, 5.0  # centimetres, degrees
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("map", help="of RedKitchen")
+    parser.add_argument("rooms", help="folder for the maps that are cut out of it")
+    parser.add_argument("--maps", type=int, default=20, help="default: %(default)s")
+    parser.add_argument("--photos", type=int, default=20, help="default: %(default)s")
+    parser.add_argument("--memory", type=float, default=0.5, help="GB (default: %(default)s)")
+    options = parser.parse_args()
+    data = redkitchen()
+    cases = read_cases(data, options.photos)
+    rooms = cut(Path(options.map), options.maps - 1, data / "references", Path(options.rooms))
+    rows, wrong = [], 0
+    for memory in (options.memory, None):
+        row, mistakes = look(options.map, rooms, cases, memory)
+        rows.append(row)
+        wrong += mistakes
+    head = ["held at most", "localized", "maps tried", "retrieval, ms", "opened", "s to open one"]
+    table([*head, "s a photo", "most held", "memory MB before", "at most"], rows)
+    return 1 if wrong else 0
+
+
+class TimedShelf(Shelf):
+    """Counts which maps it opens, and how long that takes."""
+
+    def __init__(self, *args: object, **more: object) -> None:
+        super().__init__(*args, **more)  # type: ignore[arg-type]
+        self.opened: Counter[str] = Counter()
+        self.seconds = 0.0
+        self.most = 0
+
+    def localizer(self, name: str) -> Localizer:
+        before, begin = set(self.held), time.perf_counter()
+        localizer = super().localizer(name)
+        if name not in before:
+            self.opened[name] += 1
+            self.seconds += time.perf_counter() - begin
+        self.most = max(self.most, len(self.held))
+        return localizer
+
+
+def look(
+    whole: str, rooms: list[Path], cases: list[Case], memory: float | None
+) -> tuple[list[str], int]:
+    """A line of the table, and how many poses are wrong."""
+    folders = [whole, *map(str, rooms)]
+    order = shelf_order(folders, memory=None if memory is None else int(1e9 * memory))
+    # Every map has a frame of its own; the rooms' world is the whole map's frame.
+    in_map = open_map(whole).frame.cam_from_map
+    name_of_whole = next(iter(order.folders))
+    before = resident("VmRSS")
+    ranking, total, localized, tried, wrong = 0.0, 0.0, 0, 0, 0
+    with TimedShelf(order) as shelf, Building(shelf) as building:
+        for case in progress(cases, "photos", len(cases)):
+            photo = OnePhoto(case.query.name, case.image, case.query.camera)
+            begin = time.perf_counter()
+            building.ranked(photo)
+            ranking += time.perf_counter() - begin
+            begin = time.perf_counter()
+            placed = building.localize(photo)
+            total += time.perf_counter() - begin
+            tried += len(placed.tried)
+            if placed.found.result is not None and placed.found.localized:
+                localized += 1
+                truth = case.truth if placed.map == name_of_whole else in_map(case.truth)
+                error = error_of(placed.found.result.cam_from_world, truth)
+                wrong += not error.within(*_RIGHT)
+        opened = sum(shelf.opened.values())
+        return [
+            "no limit" if memory is None else f"{memory:g} GB",
+            f"{localized} of {len(cases)}, {wrong} wrong",
+            f"{tried / len(cases):.1f}",
+            f"{1000 * ranking / len(cases):.0f}",
+            f"{len(shelf.opened)} maps, {opened} times",
+            f"{shelf.seconds / max(1, opened):.2f}",
+            f"{total / len(cases):.2f}",
+            f"{shelf.most} maps",
+            f"{before:.0f}",
+            f"{resident('VmHWM'):.0f}",
+        ], wrong
+
+
+def cut(whole: Path, count: int, images: Path, folder: Path) -> list[Path]:
+    """So many maps out of one; those that are there already are kept."""
+    map_ = open_map(whole)
+    depth = _FAR * typical_depth(map_.scene, map_.references)
+    paths = []
+    parts = np.array_split(np.arange(len(map_.references)), count)
+    for number, part in enumerate(progress(parts, "rooms", count)):
+        paths.append(folder / f"room-{number:02d}.gsmap")
+        if not paths[-1].is_dir():
+            save_map(room(map_, part.tolist(), depth, images), paths[-1])
+    return paths
+
+
+def room(map_: Map, part: list[int], depth: float, images: Path) -> Map:
+    """Of some reference photos, whose world is the whole map's frame."""
+    all_of_them = map_.references
+    references = References(
+        tuple(all_of_them.names[i] for i in part),
+        all_of_them.cam_from_world[part],
+        tuple(all_of_them.cameras[i] for i in part),
+    )
+    seen = np.zeros(len(map_.scene), dtype=bool)
+    for cam_from_world, camera in zip(references.cam_from_world, references.cameras, strict=True):
+        points = transform_points(cam_from_world, map_.scene.means.astype(np.float64))
+        near = np.flatnonzero((points[:, 2] > 0) & (points[:, 2] < depth))
+        pixels = project(camera, points[near])
+        seen[near[np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=1)]] = True
+    fields = ("means", "quaternions", "scales", "opacities", "sh")
+    scene = replace(map_.scene, **{name: getattr(map_.scene, name)[seen] for name in fields})
+    return build_map(scene, references, images)
+
+
+def resident(field: str) -> float:
+    """Megabytes: VmRSS, taken now, or VmHWM, at most so far."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(field)) / 1000
+
+
+if __name__ == "__main__":
+    sys.exit(main())
