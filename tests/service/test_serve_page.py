@@ -65,6 +65,10 @@ def text(phone: Any, name: str) -> str:
     return str(phone.find_element("id", name).get_attribute("textContent"))
 
 
+def render_shown(phone: Any) -> str:
+    return str(phone.find_element("id", "render").get_attribute("src"))
+
+
 def write(phone: Any, name: str, value: str) -> None:
     script = (
         "const field = document.getElementById(arguments[0]); field.value = arguments[1];"
@@ -147,6 +151,7 @@ def test_a_camera_is_followed(server: Serving, tmp_path: Path) -> None:
         phone.execute_script("document.getElementById('live').click()")
         wait_until(lambda: text(phone, "status") == "Following the camera.", 120)
         assert phone.find_element("id", "video").is_displayed()
+        first = render_shown(phone)
         seen = set()
 
         def different() -> bool:
@@ -160,6 +165,7 @@ def test_a_camera_is_followed(server: Serving, tmp_path: Path) -> None:
             found = parse_pose(pose.removeprefix("Pose"))
             apart = [pose_difference(found, moving_camera.pose(step)) for step in range(8)]
             assert min(error.distance for error in apart) < 0.03
+        wait_until(lambda: render_shown(phone) != first, 120)  # it goes along
         assert phone.find_elements("css selector", "#here circle")
         phone.save_screenshot(str(tmp_path / "following.png"))
         phone.execute_script("document.getElementById('live').click()")
