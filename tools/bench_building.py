@@ -78,6 +78,20 @@ class TimedShelf(Shelf):
         return localizer
 
 
+class TimedBuilding(Building):
+    """Measures the retrieval."""
+
+    def __init__(self, shelf: Shelf) -> None:
+        super().__init__(shelf)
+        self.seconds = 0.0
+
+    def ranked(self, photo: OnePhoto) -> tuple[str, ...]:
+        begin = time.process_time()
+        ranking = super().ranked(photo)
+        self.seconds += time.process_time() - begin
+        return ranking
+
+
 def look(
     map_: str, whole: bool, rooms: list[Path], cases: list[Case], memory: float | None
 ) -> tuple[list[str], int]:
@@ -86,13 +100,10 @@ def look(
     order = shelf_order(folders, memory=None if memory is None else int(1e9 * memory))
     # Every map has a frame of its own; the rooms' world is the whole map's frame.
     in_map = open_map(map_).frame.cam_from_map
-    ranking, total, localized, tried, wrong = 0.0, 0.0, 0, 0, 0
-    with TimedShelf(order) as shelf, Building(shelf) as building:
+    total, localized, tried, wrong = 0.0, 0, 0, 0
+    with TimedShelf(order) as shelf, TimedBuilding(shelf) as building:
         for case in progress(cases, "photos", len(cases)):
             photo = OnePhoto(case.query.name, case.image, case.query.camera)
-            begin = time.process_time()
-            building.ranked(photo)
-            ranking += time.process_time() - begin
             begin = time.process_time()
             placed = building.localize(photo)
             total += time.process_time() - begin
@@ -108,7 +119,7 @@ def look(
             "none" if memory is None else f"{memory:g} GB",
             f"{localized} of {len(cases)}, {wrong} wrong",
             f"{tried / len(cases):.1f}",
-            f"{ranking / len(cases):.2f}",
+            f"{building.seconds / len(cases):.2f}",
             f"{len(shelf.opened)} maps, {opened} times",
             f"{shelf.seconds / max(1, opened):.2f}",
             f"{total / len(cases):.2f}",
