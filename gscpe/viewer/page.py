@@ -90,7 +90,6 @@ class Viewer(Closing):
         self._address = f"http://{host if host != '0.0.0.0' else 'localhost'}"
         self._cut = CutSplat(self._server, self._splat, self._unit, contents.axes)
         self._nodes = CameraNodes(self._server, self._unit, photos, self._go)
-        self._look_from_afar(contents)
         self._add_panel(photos, grows)
         self.show(contents)
 
@@ -111,6 +110,7 @@ class Viewer(Closing):
             if self._closed.is_set():
                 return
             self.contents = contents
+            self._look_from_afar(contents)
             self._nodes.show(contents)
             self._photos.show(contents, self._nodes)
             self._walk.show(contents.trajectory, contents.frustum_depth, picture)
@@ -148,15 +148,17 @@ class Viewer(Closing):
         self._photos.go(client, shown)
 
     def _look_from_afar(self, contents: Contents) -> None:
-        self._afar = _overview(contents)
+        """Where new browsers look from, and where the buttons lead back to: all is seen there."""
+        afar = _overview(contents)
+        self._photos.afar = afar
         camera = self._server.initial_camera
-        turn = se3.from_quaternion_translation(self._afar.quaternion, [0, 0, 0])[:3, :3]
+        turn = se3.from_quaternion_translation(afar.quaternion, [0, 0, 0])[:3, :3]
         reach = contents.depth * self._unit
         self._server.scene.set_up_direction(contents.up)
-        camera.position = self._unit * self._afar.position
-        camera.look_at = self._unit * self._afar.position + reach * turn[:, 2]
+        camera.position = self._unit * afar.position
+        camera.look_at = self._unit * afar.position + reach * turn[:, 2]
         camera.up = contents.up
-        camera.fov = self._afar.vertical_angle
+        camera.fov = afar.vertical_angle
         camera.far = max(1000.0, 200.0 * reach)
 
     def _add_panel(self, photos: Photos, grows: bool) -> None:
@@ -169,7 +171,7 @@ class Viewer(Closing):
             self._boxes = {kind: self._add_checkbox(kind) for kind in KINDS}
         with gui.add_folder("Photos"):
             self._photos = PhotoControls(
-                self._server, self._flight, self._frame, photos, self._renderer, self._afar
+                self._server, self._flight, self._frame, photos, self._renderer
             )
         self._refused_folder: Any = gui.add_folder("Not localized")
         with self._refused_folder:

@@ -33,9 +33,9 @@ class PhotoControls:
         frame: of the map.
         photos: that can be laid over it.
         renderer: of what they are compared with; it is not closed.
-        afar: whence the whole is seen.
 
     Attributes:
+        afar: whence the whole is seen; None: one does not fly back.
         about: says what is known of the chosen photo.
         overlay: the node of the photo that lies over the map, or None.
     """
@@ -47,10 +47,10 @@ class PhotoControls:
         frame: MapFrame,
         photos: Photos,
         renderer: Renderer,
-        afar: Viewpoint,
     ) -> None:
         self._server, self._flight, self._frame = server, flight, frame
-        self._photos, self._renderer, self._afar = photos, renderer, afar
+        self._photos, self._renderer = photos, renderer
+        self.afar: Viewpoint | None = None
         self._contents: Contents | None = None
         self._nodes: CameraNodes | None = None
         self._comparison: PhotoOverMap | None = None
@@ -99,8 +99,8 @@ class PhotoControls:
         """Takes the photo away, and flies back to where the whole is seen."""
         with self._lock:
             self._remove_overlay()
-            if client is not None:
-                self._flight.fly(client, self._afar)
+            if client is not None and self.afar is not None:
+                self._flight.fly(client, self.afar)
 
     def _add_dropdown(self, label: str, reference: bool) -> Any:
         dropdown = self._server.gui.add_dropdown(label, (_NONE,), visible=False)

@@ -58,6 +58,17 @@ def test_results_arrive_in_the_contents() -> None:
         np.testing.assert_allclose(centre, camera_centre(frame.cam_from_map(pose)), atol=1e-12)
 
 
+def test_the_overview_grows_too() -> None:
+    pytest.importorskip("viser")
+    with Live(room_map(), most_gaussians=100) as live:
+        before = np.array(live.viewer._server.initial_camera.position)
+        for number in range(30):  # three metres to the side
+            live.add(*step(number))
+        live.finish()
+        after = np.array(live.viewer._server.initial_camera.position)
+    assert np.linalg.norm(after - before) > 0.3 * live.viewer._unit
+
+
 def test_an_early_end_is_quick_and_says_nothing() -> None:
     pytest.importorskip("viser")
     with Live(room_map(), most_gaussians=100) as live:
