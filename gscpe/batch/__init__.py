@@ -5,13 +5,15 @@ from gscpe.batch.building import MAPS_TRIED, Building, PlacedResult
 from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details, result_details
-from gscpe.batch.instructions import TIMEOUT, Fingerprint, Instructions
+from gscpe.batch.fingerprint import Fingerprint
+from gscpe.batch.instructions import TIMEOUT, Instructions
 from gscpe.batch.one_photo import OnePhoto, OneResult, localize_one
 from gscpe.batch.priors import read_priors
 from gscpe.batch.record import keep_a_copy, localize_list, localize_with
-from gscpe.batch.shelf import Shelf, ShelfOrder, shelf_order
-from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, write_poses
-from gscpe.batch.worker import Worker
+from gscpe.batch.shelf import Shelf, ShelfOrder, named_maps, shelf_order
+from gscpe.batch.start import start_worker
+from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, map_path, write_poses
+from gscpe.batch.worker import QueryWorker, Worker
 
 __all__ = [
     "Building",
@@ -24,6 +26,7 @@ __all__ = [
     "OnePhoto",
     "OneResult",
     "PlacedResult",
+    "QueryWorker",
     "SerialCrew",
     "Shelf",
     "ShelfOrder",
@@ -37,9 +40,12 @@ __all__ = [
     "localize_to_files",
     "localize_with",
     "make_crew",
+    "map_path",
+    "named_maps",
     "read_details",
     "read_priors",
     "result_details",
     "shelf_order",
+    "start_worker",
     "write_poses",
 ]

@@ -38,7 +38,11 @@ class PlacedResult:
 
     def as_json(self) -> dict[str, Any]:
         """As :meth:`OneResult.as_json`, with ``map_name`` and ``maps_tried``."""
-        return self.found.as_json() | {"map_name": self.map, "maps_tried": list(self.tried)}
+        return self.found.as_json() | self.as_fields()
+
+    def as_fields(self) -> dict[str, Any]:
+        """``map_name`` and ``maps_tried`` alone."""
+        return {"map_name": self.map, "maps_tried": list(self.tried)}
 
 
 class Building(Closing):

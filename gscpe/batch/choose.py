@@ -4,23 +4,22 @@
 from __future__ import annotations
 
 import importlib
-import json
 from pathlib import Path
 
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.process_crew import ProcessCrew
-from gscpe.batch.worker import Worker
+from gscpe.batch.shelf import map_bytes, shelf_bytes
+from gscpe.batch.start import start_worker
 from gscpe.cores import available_cores
-from gscpe.errors import MapError, MissingDependencyError, SettingsError
+from gscpe.errors import MissingDependencyError, SettingsError
 from gscpe.render import choose_backend
 
 _PHOTOS_A_WORKER = 8
 """Fewer than these are localized in the time that one more worker takes to start."""
 
 _BYTES = 500_000_000
-BYTES_A_GAUSSIAN = 1000
-"""Memory of a worker on the CPU, rounded up from what tools/bench_batch.py measures."""
+"""Memory of a worker on the CPU, beside its map; from what tools/bench_batch.py measures."""
 
 
 def make_crew(
@@ -41,7 +40,7 @@ def make_crew(
         SettingsError: the number of workers, or the address, is none.
         WorkerError: the workers do not start, or the scheduler cannot be reached.
         MissingDependencyError: ``scheduler`` without Dask, or ``backend="cpu"`` without Numba.
-        GscpeError: what else :meth:`gscpe.batch.Worker.start` raises.
+        GscpeError: what else :func:`gscpe.batch.start_worker` raises.
     """
     if workers < 1:
         raise SettingsError(f"there must be at least one worker, not {workers}")
@@ -57,32 +56,36 @@ def make_crew(
         return DaskCrew(instructions, scheduler)
     if workers > 1:
         return ProcessCrew(instructions, workers)
-    return SerialCrew(Worker.start(instructions, progress), instructions.fingerprint)
+    return SerialCrew(start_worker(instructions, progress), instructions.fingerprint)
 
 
 def choose_workers(instructions: Instructions, queries: int) -> int:
     """How many processes finish a list soonest on this machine.
 
     On the CPU, a process for each core with one thread is faster than one process with a thread
-    for each core (docs/batch.md); each needs memory for a map of its own, and time to start. On
-    a GPU: one.
+    for each core (docs/batch.md); each needs memory for a map of its own (of several maps, for
+    those that it holds), and time to start. On a GPU: one.
 
     Raises:
-        MapError: the map's ``map.json`` is damaged.
+        MapError: the ``map.json`` of a map is damaged.
+        RenderError, SettingsError: as gscpe.render.choose_backend.
+    """
+    shelf = instructions.shelf
+    needed = map_bytes(instructions.map_folder) if shelf is None else shelf_bytes(shelf)
+    return workers_for(needed, instructions.backend, queries)
+
+
+def workers_for(needed: int, backend: str, queries: int) -> int:
+    """As :func:`choose_workers`, of workers whose maps take so many bytes.
+
+    Raises:
         RenderError, SettingsError: as gscpe.render.choose_backend.
     """
     most = min(available_cores(), queries // _PHOTOS_A_WORKER)
-    if most <= 1 or choose_backend(instructions.backend) == "gl":
+    if most <= 1 or choose_backend(backend) == "gl":
         return 1
-    path = instructions.map_folder / "map.json"
-    try:
-        gaussians = int(json.loads(path.read_text())["gaussians"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise MapError(f"{path} is damaged; build the map again") from error
     free = _free_memory()
-    if free is None:
-        return most
-    return max(1, min(most, free // (_BYTES + BYTES_A_GAUSSIAN * gaussians)))
+    return most if free is None else max(1, min(most, free // (_BYTES + needed)))
 
 
 def _free_memory() -> int | None:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Iterator, Sequence
 
 from gscpe.batch.details import Detail
-from gscpe.batch.instructions import Fingerprint
-from gscpe.batch.worker import Worker
+from gscpe.batch.fingerprint import Fingerprint
+from gscpe.batch.worker import QueryWorker
 from gscpe.closing import Closing
 from gscpe.scene.query_list import Query
 
@@ -59,7 +59,7 @@ class SerialCrew(Crew):
         fingerprint: of its map and settings, where they are known.
     """
 
-    def __init__(self, worker: Worker, fingerprint: Fingerprint | None = None) -> None:
+    def __init__(self, worker: QueryWorker, fingerprint: Fingerprint | None = None) -> None:
         self.fingerprint = fingerprint
         self.image_folder = worker.image_folder
         self._worker = worker

@@ -21,7 +21,8 @@ from distributed import Worker as DaskWorker
 from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail, failed_details
 from gscpe.batch.instructions import Instructions
-from gscpe.batch.worker import Worker
+from gscpe.batch.start import start_worker
+from gscpe.batch.worker import QueryWorker
 from gscpe.errors import MapError, SettingsError, WorkerError
 from gscpe.scene.query_list import Query
 
@@ -48,7 +49,7 @@ class DaskCrew(Crew):
     Raises:
         SettingsError: the address is none.
         WorkerError: the scheduler cannot be reached, or has no workers.
-        MapError, RenderError, ...: what :meth:`gscpe.batch.Worker.start` raised in one of them.
+        MapError, RenderError, ...: what :func:`gscpe.batch.start_worker` raised in one of them.
     """
 
     def __init__(self, instructions: Instructions, scheduler: str) -> None:
@@ -168,21 +169,23 @@ class LocalizerPlugin(WorkerPlugin):
 
     def _begin(self) -> None:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="gscpe-localizer")
-        self._worker: Future[Worker] = self._thread.submit(self._start)
+        self._worker: Future[QueryWorker] = self._thread.submit(self._start)
 
     def teardown(self, worker: DaskWorker) -> None:
         """Closes what was opened, once it is idle; in its thread."""
         self._end()
 
-    def _start(self) -> Worker:
-        for folder in (self._instructions.map_folder, self._instructions.image_folder):
+    def _start(self) -> QueryWorker:
+        shelf = self._instructions.shelf
+        maps = [self._instructions.map_folder] if shelf is None else shelf.folders.values()
+        for folder in (*maps, self._instructions.image_folder):
             if not folder.is_dir():
                 raise MapError(
                     f"there is no folder {folder} on the Dask worker {self._address}: workers "
                     "read the map and the photos from the same paths as the machine that runs "
                     "this command, so they need a shared file system"
                 )
-        return Worker.start(self._instructions)
+        return start_worker(self._instructions)
 
     def _end(self) -> None:
         """Has the thread close what it opened, when it comes to that, and does not wait."""
@@ -207,7 +210,7 @@ class LocalizerPlugin(WorkerPlugin):
         return found.result()
 
 
-def _close(worker: Future[Worker]) -> None:
+def _close(worker: Future[QueryWorker]) -> None:
     if worker.exception() is None:
         worker.result().close()
 

@@ -13,7 +13,7 @@ from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail, failed_details
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.processes import Answer, ProcessPool
-from gscpe.batch.worker import Worker
+from gscpe.batch.start import start_worker
 from gscpe.cores import available_cores
 from gscpe.scene.query_list import Query
 
@@ -37,14 +37,14 @@ class ProcessCrew(Crew):
 
     Raises:
         WorkerError: they die when they start.
-        MapError, RenderError, ...: what :meth:`gscpe.batch.Worker.start` raised in one of them.
+        MapError, RenderError, ...: what :func:`gscpe.batch.start_worker` raised in one of them.
     """
 
     def __init__(self, instructions: Instructions, workers: int) -> None:
         threads = instructions.threads or max(1, available_cores() // workers)
         self.fingerprint = instructions.fingerprint
         self.image_folder = instructions.image_folder
-        start = functools.partial(Worker.start, replace(instructions, threads=threads))
+        start = functools.partial(start_worker, replace(instructions, threads=threads))
         self._pool = ProcessPool(start, workers, threads, instructions.timeout)
 
     @property

@@ -13,19 +13,22 @@ import logging
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Iterable, Mapping, Sequence
+from typing import Callable, Iterable, Mapping, Sequence
 
 from tqdm import tqdm
 
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details
-from gscpe.batch.instructions import photo_fingerprint
+from gscpe.batch.fingerprint import photo_fingerprint
 from gscpe.batch.worker import Worker
 from gscpe.errors import OutputError
 from gscpe.localization import Localizer
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)
+
+Told = Callable[[Detail], None]
+"""Who is told of each photo."""
 
 _CHANGED = {
     "map": "they were localized with another map",
@@ -67,6 +70,7 @@ def localize_with(
     details_path: str | Path,
     resume: bool = False,
     progress: bool = False,
+    told: Told | None = None,
 ) -> list[Detail]:
     """Has a crew localize every query and returns their details, in the order of the list.
 
@@ -77,6 +81,7 @@ def localize_with(
         resume: keep what is in ``details_path`` already and still holds; otherwise it is begun
             anew, and what was there is kept beside it with the ending ``.bak``.
         progress: show a bar.
+        told: is given each detail as soon as it is on disk, those that are kept first.
 
     Raises:
         OutputError: the details cannot be written.
@@ -89,12 +94,17 @@ def localize_with(
         keep_a_copy(details_path)
     # Rewritten, so that a line cut off by the interruption does not stay.
     _write(details_path, finished.values(), "w")
+    if told is not None:
+        for kept in finished.values():
+            told(kept)
     localized = sum(detail["status"] == "localized" for detail in finished.values())
     with tqdm(total=len(queries), unit="photo", disable=not (progress and sys.stderr)) as bar:
         bar.update(len(finished))
         for query, detail in crew.run([q for q in queries if q.name not in finished]):
             finished[query.name] = detail | marks
             _write(details_path, [finished[query.name]], "a")
+            if told is not None:
+                told(finished[query.name])
             localized += detail["status"] == "localized"
             bar.update()
             bar.set_postfix_str(f"{localized} localized")

@@ -10,13 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Mapping
 
-from gscpe.batch.choose import BYTES_A_GAUSSIAN
-from gscpe.batch.instructions import map_fingerprint
+from gscpe.batch.fingerprint import map_fingerprint
 from gscpe.closing import Closing
 from gscpe.errors import MapError
 from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.matching import matcher_name
 from gscpe.scene import open_map
+
+BYTES_A_GAUSSIAN = 1000
+"""Memory of a localizer on the CPU, rounded up from what tools/bench_batch.py measures."""
 
 
 @dataclass(frozen=True)
@@ -148,3 +150,13 @@ def map_bytes(folder: Path) -> int:
         return BYTES_A_GAUSSIAN * int(json.loads(path.read_text())["gaussians"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise MapError(f"{path} is damaged; build the map again") from error
+
+
+def shelf_bytes(order: ShelfOrder) -> int:
+    """Memory that the maps of a shelf take at most, about; the largest one always fits.
+
+    Raises:
+        MapError: the ``map.json`` of one is missing or damaged.
+    """
+    sizes = [map_bytes(folder) for folder in order.folders.values()]
+    return sum(sizes) if order.memory is None else max(*sizes, min(order.memory, sum(sizes)))

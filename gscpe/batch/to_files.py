@@ -12,7 +12,7 @@ from typing import Any, Mapping, Sequence
 from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
-from gscpe.batch.record import localize_with
+from gscpe.batch.record import Told, localize_with
 from gscpe.errors import OutputError
 from gscpe.scene.photo_name import quoted_name
 from gscpe.scene.query_list import Query
@@ -22,7 +22,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ListFiles:
-    """Where results go: the record, and pose files of the final and the coarse poses."""
+    """Where results go: the record, and pose files of the final and the coarse poses.
+
+    Poses in several maps belong to several worlds, so each map has pose files of its own
+    (:func:`map_path`).
+    """
 
     details: Path
     final: Path | None = None
@@ -37,6 +41,7 @@ def localize_to_files(
     scheduler: str | None = None,
     resume: bool = False,
     progress: bool = False,
+    told: Told | None = None,
 ) -> tuple[list[Detail], str]:
     """The queries' details, in their order, and who worked.
 
@@ -48,7 +53,7 @@ def localize_to_files(
         files: to write.
         workers: processes; None: what is faster here, unless there is a scheduler.
         scheduler, progress: as :func:`gscpe.batch.make_crew`.
-        resume: as :func:`gscpe.batch.localize_with`.
+        resume, told: as :func:`gscpe.batch.localize_with`.
 
     Raises:
         OutputError: a file cannot be written.
@@ -59,19 +64,37 @@ def localize_to_files(
     with make_crew(instructions, workers, scheduler, progress) as crew:
         _log.info("%s", crew.description)
         try:
-            return localize_with(crew, queries, files.details, resume, progress), crew.description
+            details = localize_with(crew, queries, files.details, resume, progress, told)
+            return details, crew.description
         finally:
             finished = read_details(files.details)
             done = [finished[query.name] for query in queries if query.name in finished]
             for path, stage in ((files.final, "final"), (files.coarse, "coarse")):
                 if path is not None:
-                    write_poses(done, path, stage)
+                    _write_of_each_map(done, path, stage, instructions)
             if len(done) < len(queries):
                 _log.warning(
                     "%d of %d photos are finished; run the same again with resume (--resume) to "
                     "continue",
                     *(len(done), len(queries)),
                 )
+
+
+def _write_of_each_map(
+    details: Sequence[Detail], path: Path, stage: str, instructions: Instructions
+) -> None:
+    if instructions.shelf is None:
+        write_poses(details, path, stage)
+        return
+    for name in instructions.shelf.folders:
+        there = [detail for detail in details if detail.get("map_name") == name]
+        write_poses(there, map_path(path, name), stage)
+
+
+def map_path(path: str | Path, map_: str) -> Path:
+    """Where the poses in one of several maps go: ``poses.kitchen.txt`` for ``poses.txt``."""
+    path = Path(path)
+    return path.with_name(f"{path.stem}.{map_}{path.suffix}")
 
 
 def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Path] = ()) -> None:

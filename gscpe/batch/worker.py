@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Iterator, Mapping
 
 import cv2
 
+from gscpe.arrays import UInt8Array
 from gscpe.batch.details import Detail, failed_details, result_details
-from gscpe.batch.instructions import Instructions, map_fingerprint, photo_fingerprint
+from gscpe.batch.fingerprint import map_fingerprint, photo_fingerprint
+from gscpe.batch.instructions import Instructions
 from gscpe.closing import Closing
 from gscpe.cores import VARIABLE
 from gscpe.errors import InputError, MapError, ran_out_of_memory
@@ -26,11 +29,54 @@ _VARIABLES = (
 )
 
 
-class Worker(Closing):
+class QueryWorker(Closing):
     """Localizes one query at a time.
 
-    Attributes:
+    Args:
         image_folder: that the queries' names are relative to.
+    """
+
+    def __init__(self, image_folder: str | Path) -> None:
+        self.image_folder = Path(image_folder)
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """What renders."""
+
+    @abstractmethod
+    def found(self, query: Query, image: UInt8Array, photo: str | None) -> Detail:
+        """What is found of a photo that was read, with the fingerprint of its file."""
+
+    def work(self, job: Query, talk: object = None) -> Detail:
+        """As :meth:`localize`: a job of gscpe.batch.processes."""
+        return self.localize(job)
+
+    def localize(self, query: Query) -> Detail:
+        """The query's detail; a photo that cannot be used has the status ``failed``.
+
+        Raises:
+            RenderError: rendering failed.
+        """
+        path = self.image_folder / query.name
+        try:
+            photo = photo_fingerprint(path)
+            return self.found(query, read_image_of(path, query.camera), photo)
+        except InputError as error:
+            return failed_details(query, str(error))
+        except Exception as error:
+            if not ran_out_of_memory(error):
+                raise
+            return failed_details(query, f"there is not enough memory for {path} ({error})")
+
+
+class Worker(QueryWorker):
+    """Localizes in one map; see :class:`QueryWorker`.
+
+    Args:
+        localizer: of the map; it is closed with the worker.
+        image_folder: that the queries' names are relative to.
+        priors: where photos probably were taken, by name.
     """
 
     def __init__(
@@ -39,9 +85,9 @@ class Worker(Closing):
         image_folder: str | Path,
         priors: Mapping[str, PosePrior] | None = None,
     ) -> None:
+        super().__init__(image_folder)
         self._localizer = localizer
         self._priors = priors or {}
-        self.image_folder = Path(image_folder)
 
     @classmethod
     def start(cls, instructions: Instructions, progress: bool = False) -> Worker:
@@ -73,32 +119,12 @@ class Worker(Closing):
 
     @property
     def description(self) -> str:
-        """What renders."""
         return self._localizer.renderer_description
 
-    def work(self, job: Query, talk: object = None) -> Detail:
-        """As :meth:`localize`: a job of gscpe.batch.processes."""
-        return self.localize(job)
-
-    def localize(self, query: Query) -> Detail:
-        """The query's detail; a photo that cannot be used has the status ``failed``.
-
-        Raises:
-            RenderError: rendering failed.
-        """
-        path = self.image_folder / query.name
-        try:
-            photo = photo_fingerprint(path)
-            image = read_image_of(path, query.camera)
-            prior = self._priors.get(query.name)
-            result = self._localizer.localize(image, query.camera, prior)
-            return result_details(query, result, photo)
-        except InputError as error:
-            return failed_details(query, str(error))
-        except Exception as error:
-            if not ran_out_of_memory(error):
-                raise
-            return failed_details(query, f"there is not enough memory for {path} ({error})")
+    def found(self, query: Query, image: UInt8Array, photo: str | None) -> Detail:
+        prior = self._priors.get(query.name)
+        result = self._localizer.localize(image, query.camera, prior)
+        return result_details(query, result, photo)
 
     def close(self) -> None:
         """Gives the renderer's memory back."""

@@ -7,7 +7,7 @@ import hashlib
 import logging
 from pathlib import Path
 
-from gscpe.batch.instructions import photo_fingerprint
+from gscpe.batch.fingerprint import photo_fingerprint
 from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.datasets import Dataset
 from gscpe.errors import OutputError, SplatError

@@ -6,9 +6,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Sequence
 
 from gscpe.batch import TIMEOUT
+from gscpe.errors import OutputError, SettingsError
+from gscpe.report.comparison import strip_path
 
 if TYPE_CHECKING:  # argparse keeps the class private
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -85,6 +88,36 @@ def positive(text: str) -> int:
     if not (text.isdecimal() and int(text)):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return int(text)
+
+
+def memory_bytes(options: argparse.Namespace) -> int | None:
+    """What ``--memory GB`` allows; None where it was not given.
+
+    Raises:
+        SettingsError: it is not positive.
+    """
+    if options.memory is None:
+        return None
+    if not options.memory > 0:
+        raise SettingsError(f"--memory must be positive, not {options.memory:g} GB")
+    return int(min(1e9 * options.memory, 1e18))
+
+
+def check_pictures(pictures: str | None, images: Path, names: Sequence[str]) -> None:
+    """Raises OutputError, before any long work, where ``--pictures`` is no folder, or one that
+    photos would be overwritten in."""
+    if pictures is None:
+        return
+    folder = Path(pictures)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"--pictures {folder} is no folder: {error.strerror}") from error
+    for name in names:
+        if strip_path(folder, name).resolve() == (images / name).resolve():
+            raise OutputError(
+                f"--pictures {folder} would overwrite the photo {name}; give another folder"
+            )
 
 
 def print_json(data: Any) -> None:

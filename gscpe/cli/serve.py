@@ -8,7 +8,14 @@ import sys
 from typing import TYPE_CHECKING
 
 from gscpe.batch import ShelfOrder, shelf_order
-from gscpe.cli.common import Commands, add_backend, add_matcher, add_retrieval_model, positive
+from gscpe.cli.common import (
+    Commands,
+    add_backend,
+    add_matcher,
+    add_retrieval_model,
+    memory_bytes,
+    positive,
+)
 from gscpe.errors import SettingsError
 from gscpe.localization import LocalizerSettings
 from gscpe.service.limits import Limits
@@ -110,7 +117,7 @@ def run(options: argparse.Namespace) -> int:
         LocalizerSettings(retrieval_model=options.retrieval_model),
         options.matcher,
         options.backend,
-        None if options.memory is None else int(1e9 * options.memory),
+        memory_bytes(options),
     )
     settings = _settings(options, token, order)
     with listen(options.host, options.port) as socket, Service(order, settings) as service:

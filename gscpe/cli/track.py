@@ -16,6 +16,7 @@ from gscpe.cli.common import (
     add_retrieval_model,
     show_progress,
 )
+from gscpe.cli.page import add_live, check_live, live_page, stay_after
 from gscpe.cli.streams import say
 from gscpe.errors import GscpeError, OutputError, SequenceError
 from gscpe.following import Observes, Odometry, Overlay, Tally, TrackFiles, follow, read_odometry
@@ -105,6 +106,7 @@ def add_parser(commands: Commands) -> None:
         help='of the odometry\'s body in the camera: "qw qx qy qz tx ty tz" (default: the body is '
         "the camera)",
     )
+    add_live(parser)
     add_retrieval_model(parser)
     add_matcher(parser)
     add_backend(parser)
@@ -112,6 +114,7 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    check_live(options)
     output = Path(options.output)
     if not output.name:
         raise OutputError(f"--output {output} is a folder; give a file for the trajectory")
@@ -146,6 +149,9 @@ def run(options: argparse.Namespace) -> int:
                 progress=show_progress(),
             )
         )
+        page = stack.enter_context(
+            live_page(options, localizer.map, [] if options.images is None else [options.images])
+        )
         overlay = None
         if options.overlay is not None:
             overlay = stack.enter_context(Overlay(options.overlay, localizer, frames))
@@ -155,7 +161,8 @@ def run(options: argparse.Namespace) -> int:
                 Tracker(localizer, settings) as tracker,
                 TrackFiles(output, options.poses, details) as files,
             ):
-                observers: list[Observes] = [files] if overlay is None else [files, overlay]
+                others: tuple[Observes | None, ...] = (overlay, page)
+                observers: list[Observes] = [files, *(each for each in others if each is not None)]
                 follow(
                     *(tracker, frames, tally, observers, odometry),
                     real_time=options.realtime,
@@ -165,11 +172,14 @@ def run(options: argparse.Namespace) -> int:
             if tally.frames:
                 _report(tally, output, details, frames, odometry)
                 _overlay_of_the_beginning(end, overlay, options.overlay)
+                if frames.live and type(end) is KeyboardInterrupt:  # how one stops a camera
+                    stay_after(page)
             raise
         _report(tally, output, details, frames, odometry)
         if overlay is not None:
             overlay.write(show_progress())
             print(f"{options.overlay}: photo, render and difference", flush=True)
+        stay_after(page)
     return 0 if tally.posed else 1
 
 

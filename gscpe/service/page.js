@@ -202,6 +202,16 @@ async function live() {
   }
 }
 
+// Of a camera that is followed, now and then: each render takes a worker's time. Where the service
+// is busy, the next one will do.
+let rendering = false;
+function renderAlong(answer, camera, mine) {
+  if (rendering || !answer.matrix) return;
+  rendering = true;
+  showRender({ camera, cam_from_world: answer.cam_from_world }, mine).catch(() => {})
+    .finally(() => setTimeout(() => { rendering = false; }, 1000));
+}
+
 function track(camera, video, canvas, mine) {
   return new Promise((done, fail) => {
     const url = new URL(address("track"), location.href);
@@ -219,6 +229,7 @@ function track(camera, video, canvas, mine) {
         const found = Boolean(answer.matrix);
         say(found ? "Following the camera." : "Lost: " + answer.reason, found ? "good" : "bad");
         showPlace(answer.matrix, camera);
+        renderAlong(answer, camera, mine);
         showFacts([["Pose", rounded(answer.cam_from_world, 4)], ["Standard deviations", sigmas(answer.covariance)],
           ["Milliseconds", String(answer.milliseconds ?? "")]]);
       }

@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Awaitable, Mapping
 
-from gscpe.batch.choose import choose_workers
-from gscpe.batch.instructions import Fingerprint, Instructions
+from gscpe.batch.choose import workers_for
 from gscpe.batch.processes import Start
-from gscpe.batch.shelf import ShelfOrder, map_bytes
+from gscpe.batch.shelf import ShelfOrder, shelf_bytes
 from gscpe.closing import Closing
 from gscpe.cores import available_cores
 from gscpe.errors import MapError
@@ -146,16 +145,12 @@ class Service(Closing):
 
 
 def choose_service_workers(order: ShelfOrder) -> int:
-    """As for a long list of photos (:func:`gscpe.batch.choose_workers`), in the largest map.
+    """As for a long list of photos (:func:`gscpe.batch.choose_workers`).
 
     Raises:
         MapError: a ``map.json`` is damaged.
     """
-    largest = max(order.folders.values(), key=map_bytes)
-    instructions = Instructions(
-        largest, largest, order.settings, order.matcher, order.backend, Fingerprint("", "")
-    )
-    return choose_workers(instructions, 8 * available_cores())
+    return workers_for(shelf_bytes(order), order.backend, 8 * available_cores())
 
 
 def _about(name: str, folder: Path) -> dict[str, Any]:

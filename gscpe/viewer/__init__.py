@@ -3,12 +3,14 @@
 
 from gscpe.viewer.contents import Contents, Findings, Refused, Trajectory, contents_of
 from gscpe.viewer.files import read_findings
+from gscpe.viewer.live import Live
 from gscpe.viewer.overview import OverviewSettings, overview
 from gscpe.viewer.page import Viewer
 
 __all__ = [
     "Contents",
     "Findings",
+    "Live",
     "OverviewSettings",
     "Refused",
     "Trajectory",

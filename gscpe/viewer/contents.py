@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Iterator, Mapping, Sequence, TypeVar
 
 import numpy as np
@@ -37,12 +37,16 @@ class Findings:
         details: what ``gscpe localize`` wrote, by photo (docs/formats.md).
         truth: true ``cam_from_world`` by photo.
         trajectory: ``cam_from_world`` by time in seconds.
+        lost: why frames of the trajectory have no pose, by their names.
+        walking: the trajectory's camera; None: as that of the references.
     """
 
     poses: Mapping[str, Float64Array] = field(default_factory=dict)
     details: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     truth: Mapping[str, Float64Array] = field(default_factory=dict)
     trajectory: Mapping[float, Float64Array] = field(default_factory=dict)
+    lost: Mapping[str, str] = field(default_factory=dict)
+    walking: Camera | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ class Trajectory:
     @property
     def centres(self) -> Float64Array:
         """(N, 3) camera centres in the map."""
-        return np.array([camera_centre(pose) for pose in self.cam_from_map])
+        turns, moves = self.cam_from_map[:, :3, :3], self.cam_from_map[:, :3, 3]
+        return np.asarray(-np.einsum("nji,nj->ni", turns, moves))
 
     def at(self, time: float) -> int:
         """Index of the pose nearest in time."""
@@ -126,7 +131,10 @@ class Contents:
 
 
 def contents_of(
-    map_: Map, findings: Findings | None = None, most_cameras: int = MOST_CAMERAS
+    map_: Map,
+    findings: Findings | None = None,
+    most_cameras: int = MOST_CAMERAS,
+    like: Contents | None = None,
 ) -> Contents:
     """What is shown of a map and of what was found in it.
 
@@ -134,6 +142,8 @@ def contents_of(
         map_: whose references are shown.
         findings: in the world's frame; None: nothing but the map.
         most_cameras: that are shown of a kind; more are thinned evenly, and a note says so.
+        like: what was shown of the same map before more was found. Its axes and sizes are kept,
+            and photos are thinned so that, as more come, those that are shown change seldom.
 
     Raises:
         SettingsError: fewer than one camera is to be shown.
@@ -151,7 +161,8 @@ def contents_of(
     if len(shown) < len(references):
         notes.append(f"{len(shown)} of {len(references)} reference photos are drawn.")
     known = dict.fromkeys([*findings.details, *findings.poses, *findings.truth])
-    names = set(_thinned(list(known), most_cameras))
+    thinned = _thinned if like is None else _thinned_by_halves
+    names = set(thinned(list(known), most_cameras))
     if len(names) < len(known):
         notes.append(f"{len(names)} of {len(known)} localized photos are drawn.")
     fallback = references.cameras[0] if len(references) else _NO_CAMERA
@@ -168,6 +179,15 @@ def contents_of(
         if (covariance := findings.details.get(name, {}).get("covariance")) is not None
     ]
     trajectory = _trajectory(findings, map_, fallback)
+    if like is not None:
+        return replace(
+            like,
+            cameras=tuple(shown),
+            ellipsoids=tuple(ellipsoids),
+            refused=tuple(_refused(findings)),
+            trajectory=trajectory,
+            notes=tuple(notes),
+        )
     depth = typical_depth(map_.scene, references)
     partial = Contents(
         cameras=tuple(shown),
@@ -180,12 +200,8 @@ def contents_of(
         notes=tuple(notes),
     )
     centres = partial.centres()
-    return Contents(
-        **{
-            **{name: getattr(partial, name) for name in partial.__dataclass_fields__},
-            "axes": _axes(partial, centres),
-            "frustum_depth": _frustum_depth(centres, depth),
-        }
+    return replace(
+        partial, axes=_axes(partial, centres), frustum_depth=_frustum_depth(centres, depth)
     )
 
 
@@ -221,6 +237,8 @@ def _refused(findings: Findings) -> Iterator[Refused]:
         for name in findings.truth:
             if name not in findings.poses:
                 yield Refused(name, "not in the poses; the details say why")
+    for name, reason in findings.lost.items():
+        yield Refused(name, reason)
 
 
 def _trajectory(findings: Findings, map_: Map, fallback: Camera) -> Trajectory | None:
@@ -228,7 +246,7 @@ def _trajectory(findings: Findings, map_: Map, fallback: Camera) -> Trajectory |
         return None
     times = np.array(sorted(findings.trajectory), dtype=np.float64)
     poses = np.stack([findings.trajectory[time] for time in times])
-    return Trajectory(times, map_.frame.cam_from_map(poses), fallback)
+    return Trajectory(times, map_.frame.cam_from_map(poses), findings.walking or fallback)
 
 
 def _axes(contents: Contents, centres: Float64Array) -> Float64Array:
@@ -258,3 +276,11 @@ def _thinned(items: Sequence[_T], most: int) -> list[_T]:
     if len(items) <= most:
         return list(items)
     return [items[i] for i in np.rint(np.linspace(0, len(items) - 1, most)).astype(int)]
+
+
+def _thinned_by_halves(items: Sequence[_T], most: int) -> list[_T]:
+    """At most so many, every first, second, fourth, ...: mostly the same ones as more come."""
+    step = 1
+    while len(items) > most * step:
+        step *= 2
+    return list(items[::step])

@@ -19,6 +19,7 @@ def read_findings(
     details: str | Path | None = None,
     truth: str | Path | None = None,
     trajectory: str | Path | None = None,
+    map_name: str | None = None,
 ) -> Findings:
     """What the files hold; those that are None are left out.
 
@@ -26,6 +27,8 @@ def read_findings(
         poses, truth: of photos, in any form that :func:`gscpe.read_pose_file` reads.
         details: of ``gscpe localize``; None: those beside ``poses``, if they are there.
         trajectory: in TUM's form.
+        map_name: details of photos that were found in another one of several maps are left out,
+            whose poses belong to another world.
 
     Raises:
         PoseError: a file cannot be read, or holds something else.
@@ -43,6 +46,12 @@ def read_findings(
             raise PoseError(
                 f"{details} holds no details as gscpe localize writes them (docs/formats.md)"
             )
+        if map_name is not None:
+            known = {
+                name: detail
+                for name, detail in known.items()
+                if detail.get("map_name", map_name) == map_name
+            }
     found = {} if poses is None else _named(poses, list(known))
     true = {} if truth is None else _named(truth, list(known or found))
     return Findings(found, known, true, {} if trajectory is None else read_trajectory(trajectory))

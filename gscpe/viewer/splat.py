@@ -15,6 +15,7 @@ MOST_GAUSSIANS = 500_000
 """That a browser draws at several frames a second on an ordinary laptop."""
 
 _FAINTEST = 1.0 / 255.0
+_MOST_EYES = 64
 _LARGEST = 6e4  # float16 ends at 65504
 _ROUGHLY = 0.003
 """Share of the Gaussians beyond either end of a section's sliders: floaters far outside."""
@@ -42,11 +43,20 @@ class BrowserSplat:
         return len(self.means)
 
 
-def most_visible(scene: GaussianScene, most: int) -> IntArray:
-    """Indices of at most so many Gaussians, ascending: the largest in opacity times area, as far
-    as they are visible at all."""
+def most_visible(scene: GaussianScene, most: int, eyes: Float64Array | None = None) -> IntArray:
+    """Indices of at most so many Gaussians, ascending, as far as they are visible at all: the
+    largest in opacity times area. With eyes, the area is that in the view of the nearest one, so
+    that what cameras saw from near keeps its details.
+
+    Args:
+        scene: the splat.
+        most: how many.
+        eyes: (M, 3) from where it is looked at.
+    """
     largest = np.sort(scene.scales.astype(np.float64), axis=1)[:, 1:]
     weight = scene.opacities * largest.prod(axis=1)
+    if eyes is not None and len(eyes):
+        weight /= np.maximum(_squared_distance(scene.means, eyes), scene.near**2)
     weight[scene.opacities < _FAINTEST] = 0.0
     seen = np.flatnonzero(weight > 0)
     if len(seen) > most:
@@ -54,10 +64,21 @@ def most_visible(scene: GaussianScene, most: int) -> IntArray:
     return np.sort(seen)
 
 
-def browser_splat(scene: GaussianScene, most: int = MOST_GAUSSIANS) -> BrowserSplat:
-    """The Gaussians that are worth sending, with the constant part of their colour: browsers do
-    not evaluate the part that depends on the direction."""
-    kept = most_visible(scene, most)
+def _squared_distance(means: Float32Array, eyes: Float64Array) -> Float32Array:
+    """(N,) to the nearest eye; of very many, some stand for all."""
+    some = np.unique(np.linspace(0, len(eyes) - 1, _MOST_EYES).astype(int))
+    nearest = np.full(len(means), np.inf, dtype=np.float32)
+    for eye in eyes[some].astype(np.float32):
+        np.minimum(nearest, np.sum((means - eye) ** 2, axis=1), out=nearest)
+    return nearest
+
+
+def browser_splat(
+    scene: GaussianScene, most: int = MOST_GAUSSIANS, eyes: Float64Array | None = None
+) -> BrowserSplat:
+    """The Gaussians that are worth sending (see :func:`most_visible`), with the constant part of
+    their colour: browsers do not evaluate the part that depends on the direction."""
+    kept = most_visible(scene, most, eyes)
     w, x, y, z = scene.quaternions[kept].T
     axes = np.stack(
         [

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Sequence
+from typing import Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -14,19 +14,42 @@ from gscpe.viewer.cameras import COLOURS, KINDS, TITLES, TRAJECTORY, ShownCamera
 from gscpe.viewer.contents import Contents, Refused
 from gscpe.viewer.splat import BrowserSplat
 
+_NO_POSE = "(not localized)"
 _MOST_ROWS = 500
 _STYLE = "padding: 0 0.8em; font-size: 0.85em; line-height: 1.5"
 
 
+def readable(text: str) -> str:
+    """Text that can be sent: names of files need not be text in any encoding."""
+    return text.encode("utf-8", "replace").decode()
+
+
+def name_options(names: Iterable[str], refused: Collection[str]) -> dict[str, str]:
+    """Names of photos, by what a list shows."""
+    return {
+        f"{readable(name)} {_NO_POSE}" if name in refused else readable(name): name
+        for name in names
+    }
+
+
+def _html(text: str) -> str:
+    return escape(readable(text))
+
+
 def summary_html(name: str, splat: BrowserSplat, contents: Contents) -> str:
     """What the map is, and what is left out."""
-    sentences = [f"<b>{escape(name)}</b>: {splat.total:,} Gaussians."]
+    sentences = [f"<b>{_html(name)}</b>: {splat.total:,} Gaussians."]
     if len(splat) < splat.total:
         sentences.append(
             f"The browser draws the {len(splat):,} that are most visible; poses are found with all."
         )
     sentences += [escape(note) for note in contents.notes]
     return f'<div style="{_STYLE}">{" ".join(sentences)}</div>'
+
+
+def news_html(text: str) -> str:
+    """What is going on."""
+    return f'<div style="{_STYLE}"><b>{_html(text)}</b></div>'
 
 
 def legend_html(contents: Contents) -> str:
@@ -48,10 +71,10 @@ def legend_html(contents: Contents) -> str:
 
 def photo_html(shown: ShownCamera, contents: Contents, frame: MapFrame, has_photo: bool) -> str:
     """What is known of the photo that is looked at."""
-    sentences = [f"<b>{escape(shown.name)}</b>, {TITLES[shown.kind]}."]
+    sentences = [f"<b>{_html(shown.name)}</b>, {TITLES[shown.kind]}."]
     if not shown.trusted:
         reason = next((r.reason for r in contents.refused if r.name == shown.name), "")
-        sentences.append(f"Not localized: {escape(reason)}.")
+        sentences.append(f"Not localized: {_html(reason)}.")
     others = {camera.kind: camera for camera in contents.cameras if camera.name == shown.name}
     if "truth" in others and shown.kind != "truth":
         error = pose_difference(shown.cam_from_map, others["truth"].cam_from_map)
@@ -70,7 +93,7 @@ def photo_html(shown: ShownCamera, contents: Contents, frame: MapFrame, has_phot
 def refused_html(refused: Sequence[Refused]) -> str:
     """Names and reasons."""
     rows = "".join(
-        f"<div><b>{escape(each.name)}</b>: {escape(each.reason)}</div>"
+        f"<div><b>{_html(each.name)}</b>: {_html(each.reason)}</div>"
         for each in refused[:_MOST_ROWS]
     )
     if len(refused) > _MOST_ROWS:

@@ -24,7 +24,7 @@ from gscpe.batch import (
     read_details,
 )
 from gscpe.batch.details import failed_details
-from gscpe.batch.instructions import (
+from gscpe.batch.fingerprint import (
     map_fingerprint,
     photo_fingerprint,
     settings_fingerprint,

@@ -1,32 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page in a real browser, as a phone shows it: tools/test --full installs what this needs."""
+"""The page in a real browser, as a phone shows it."""
 
 from __future__ import annotations
 
-import importlib.util
-import shutil
 from pathlib import Path
-from typing import Any, Iterator
+from typing import Any, ContextManager, Iterator
 
+import cv2
+import moving_camera
 import pytest
 from batch_room import CAMERA, RoomFolder, make_room, wait_until
+from browser import chromium, needs_browser
 from serving import Serving, serving
 
 from gscpe.batch import shelf_order
+from gscpe.geometry import pose_difference
+from gscpe.scene.poses.hloc import parse_pose
 from gscpe.service.service import Service, ServiceSettings
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-DRIVER = shutil.which("chromedriver")
-
-pytestmark = [
-    pytest.mark.skipif(BROWSER is None or DRIVER is None, reason="Chromium is not installed"),
-    pytest.mark.skipif(
-        importlib.util.find_spec("selenium") is None, reason="selenium is not installed"
-    ),
-    pytest.mark.skipif(
-        importlib.util.find_spec("fastapi") is None, reason="fastapi is not installed"
-    ),
-]
+pytestmark = needs_browser("fastapi")
 
 TOKEN = "0123456789abcdef0123"
 
@@ -45,27 +37,36 @@ def server(room: RoomFolder) -> Iterator[Serving]:
 
 @pytest.fixture(scope="module")
 def phone() -> Iterator[Any]:
-    from selenium import webdriver
+    with phone_chromium() as driver:
+        yield driver
 
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(BROWSER)
-    for option in (
-        *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage"),
-        *("--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"),
-    ):
-        options.add_argument(option)
-    metrics = {"width": 390, "height": 844, "pixelRatio": 2.0, "mobile": True}
-    options.add_experimental_option("mobileEmulation", {"deviceMetrics": metrics})
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(DRIVER)))
-    driver.set_page_load_timeout(120)
-    driver.set_script_timeout(120)
-    yield driver
-    driver.quit()
+
+def phone_chromium(*options: str) -> ContextManager[Any]:
+    """A phone; its camera sees Chromium's own test picture unless options say otherwise."""
+    return chromium(
+        "--use-fake-device-for-media-stream",
+        "--use-fake-ui-for-media-stream",
+        *options,
+        phone={"width": 390, "height": 844, "pixelRatio": 2.0, "mobile": True},
+    )
+
+
+def write_film(path: Path) -> None:
+    """Back and forth through the room, in the form that Chromium's camera plays over and over."""
+    steps = (*range(8), *range(7, 0, -1))
+    with path.open("wb") as file:
+        file.write(b"YUV4MPEG2 W240 H180 F5:1 Ip A1:1 C420jpeg\n")
+        for step in steps:
+            yuv = cv2.cvtColor(moving_camera.picture(step), cv2.COLOR_RGB2YUV_I420)
+            file.write(b"FRAME\n" + yuv.tobytes())
 
 
 def text(phone: Any, name: str) -> str:
     return str(phone.find_element("id", name).get_attribute("textContent"))
+
+
+def render_shown(phone: Any) -> str:
+    return str(phone.find_element("id", "render").get_attribute("src"))
 
 
 def write(phone: Any, name: str, value: str) -> None:
@@ -136,3 +137,37 @@ def test_the_live_camera(phone: Any, server: Serving) -> None:
     phone.execute_script("document.getElementById('live').click()")
     assert text(phone, "live") == "Live camera"
     assert text(phone, "status") == ""
+
+
+def test_a_camera_is_followed(server: Serving, tmp_path: Path) -> None:
+    """From the first frame, which is localized, on: its pose moves as the film does."""
+    write_film(tmp_path / "film.y4m")
+    with phone_chromium(f"--use-file-for-fake-video-capture={tmp_path / 'film.y4m'}") as phone:
+        phone.get(server.url)
+        write(phone, "token", TOKEN)
+        wait_until(lambda: phone.find_elements("css selector", "#drawing svg image"))
+        write(phone, "camera", CAMERA.colmap_text())
+        phone.get_log("browser")
+        phone.execute_script("document.getElementById('live').click()")
+        wait_until(lambda: text(phone, "status") == "Following the camera.", 120)
+        assert phone.find_element("id", "video").is_displayed()
+        first = render_shown(phone)
+        seen = set()
+
+        def different() -> bool:
+            facts = text(phone, "facts")
+            if "Milliseconds" in facts:
+                seen.add(facts.partition("Standard")[0])
+            return len(seen) > 2
+
+        wait_until(different, 120)
+        for pose in seen:
+            found = parse_pose(pose.removeprefix("Pose"))
+            apart = [pose_difference(found, moving_camera.pose(step)) for step in range(8)]
+            assert min(error.distance for error in apart) < 0.03
+        wait_until(lambda: render_shown(phone) != first, 120)  # it goes along
+        assert phone.find_elements("css selector", "#here circle")
+        phone.save_screenshot(str(tmp_path / "following.png"))
+        phone.execute_script("document.getElementById('live').click()")
+        assert text(phone, "live") == "Live camera"
+        assert phone.get_log("browser") == []

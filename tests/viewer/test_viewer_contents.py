@@ -39,7 +39,14 @@ from gscpe.viewer.splat import (
     most_visible,
     scaled_covariances,
 )
-from gscpe.viewer.texts import legend_html, photo_html, refused_html, summary_html
+from gscpe.viewer.texts import (
+    legend_html,
+    name_options,
+    news_html,
+    photo_html,
+    refused_html,
+    summary_html,
+)
 
 CAMERA = Camera.pinhole(64, 48, fx=60.0, fy=55.0, cx=30.0, cy=26.0)
 STEPS = {
@@ -145,6 +152,21 @@ def test_the_most_visible_gaussians_are_kept(rng: np.random.Generator) -> None:
     assert np.array_equal(most_visible(invisible, 50), np.arange(190, 200))
 
 
+def test_what_was_seen_from_near_counts_more(rng: np.random.Generator) -> None:
+    """Area over squared distance to the nearest eye; nearer than the near plane, all are alike."""
+    scene = random_scene(rng, 200, 1)
+    eyes = rng.normal(size=(3, 3))
+    apart = np.linalg.norm(scene.means[:, None] - eyes, axis=2).min(axis=1)
+    scales = np.sort(scene.scales, axis=1)
+    weight = scene.opacities * scales[:, 1] * scales[:, 2] / np.maximum(apart, scene.near) ** 2
+    kept = most_visible(scene, 50, eyes)
+    assert weight[kept].min() >= 0.999 * np.delete(weight, kept).max()
+    assert not np.array_equal(kept, most_visible(scene, 50))
+    assert np.array_equal(most_visible(scene, 50, np.zeros((0, 3))), most_visible(scene, 50))
+    many = np.repeat(eyes, 1000, axis=0)
+    assert np.array_equal(most_visible(scene, 50, many), kept)
+
+
 def test_covariances_for_the_browser(rng: np.random.Generator) -> None:
     scene = random_scene(rng, 30, 1)
     splat = browser_splat(scene)
@@ -221,6 +243,21 @@ def test_photos_without_a_pose_are_listed_with_their_reason() -> None:
     assert "--images" in text
 
 
+def test_names_that_are_no_text_can_be_sent() -> None:
+    name = b"caf\xe9.png".decode("utf-8", "surrogateescape")
+    contents = contents_of(room_map(), Findings(details={name: detail(name, False)}))
+    (shown,) = contents.of_kind("coarse")
+    for text in (
+        refused_html(contents.refused),
+        photo_html(shown, contents, room_map().frame, False),
+        news_html(name),
+        *name_options([name], {name}),
+    ):
+        assert "caf?.png" in text
+        text.encode()
+    assert name_options([name], ()) == {"caf?.png": name}
+
+
 def test_many_cameras_are_thinned_and_the_page_says_so(rng: np.random.Generator) -> None:
     map_ = some_map(rng, references=20)
     contents = contents_of(map_, most_cameras=5)
@@ -265,14 +302,12 @@ def test_files(tmp_path: Path) -> None:
     walk = read_findings(trajectory=tmp_path / "walk.tum").trajectory
     assert list(walk) == [7.0]
     assert np.allclose(walk[7.0], ROOM_POSE)
-    for wrong in (
-        {"details": tmp_path / "missing.jsonl"},
-        {"details": tmp_path / "poses.txt"},
-        {"trajectory": tmp_path / "poses.txt"},
-        {"trajectory": tmp_path / "empty.tum"},
-    ):
+    for details in ("missing.jsonl", "poses.txt"):
         with pytest.raises(PoseError):
-            read_findings(**wrong)
+            read_findings(details=tmp_path / details)
+    for trajectory in ("poses.txt", "empty.tum"):
+        with pytest.raises(PoseError):
+            read_findings(trajectory=tmp_path / trajectory)
 
 
 def test_photos_are_found_in_the_first_folder_that_has_them(

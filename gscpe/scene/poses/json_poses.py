@@ -24,9 +24,11 @@ def parse_json_poses(text: str, source: str) -> tuple[dict[str, Float64Array], d
     Photos whose pose is null (in details: not localized) have no pose, but a camera.
 
     Raises:
-        PoseError: the text is no JSON or of another form, or a name comes twice.
+        PoseError: the text is no JSON or of another form, a name comes twice, or the poses are in
+            several maps, whose worlds may differ.
     """
     poses: dict[str, Float64Array] = {}
+    maps: set[str] = set()
     cameras: dict[str, Camera] = {}
     for where, entry in _entries(text, source):
         if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
@@ -40,7 +42,14 @@ def parse_json_poses(text: str, source: str) -> tuple[dict[str, Float64Array], d
             except CameraError as error:
                 raise PoseError(f"{where}, {name}: {error}") from None
         if entry["cam_from_world"] is not None:
+            maps.add(str(entry.get("map_name", "")))
             add_pose(poses, name, _pose(entry, f"{where}, {name}"), where)
+    if len(maps) > 1:
+        names = ", ".join(sorted(filter(None, maps)))
+        raise PoseError(
+            f"{source} holds poses in several maps ({names}), each with a world of its own; read "
+            "the pose files of each map"
+        )
     return poses, cameras
 
 
