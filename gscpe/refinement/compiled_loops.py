@@ -279,6 +279,6 @@ def compile_now() -> None:
         everywhere = np.ones((2, 2), dtype=np.bool_)
         counts = np.zeros((2, 2), dtype=np.uint16)
         vote(
-            *(image, camera, everywhere, camera, np.eye(4)),
-            *(image, image, everywhere, 0.0, counts, counts.copy()),
-        )
+            image, camera, everywhere, camera, np.eye(4),
+            image, image, everywhere, 0.0, counts, counts.copy(),
+        )  # fmt: skip
