@@ -32,7 +32,7 @@ from _common import (
     within,
 )
 
-from gscpe import LocalizationResult, Localizer, open_map
+from gscpe import EasySettings, LocalizationResult, Localizer, LocalizerSettings, open_map
 from gscpe.arrays import Float64Array
 from gscpe.coarse import AbsolutePose, lift
 from gscpe.errors import ModelError
@@ -52,6 +52,9 @@ from gscpe.matching import (
 from gscpe.render import RenderedView
 from gscpe.retrieval import open_describer, search
 from gscpe.scene import Map
+
+WHOLE_LOOP = LocalizerSettings(easy=EasySettings(side=0))
+"""Easy photos would have one round of full size."""
 
 MATCHERS: dict[str, Callable[[], Matcher]] = {
     "sift": lambda: SiftMatcher(SiftMatcherSettings(polish=None)),
@@ -122,7 +125,7 @@ def main() -> int:
             row
             for name, matcher in matchers.items()
             for row in _rounds(
-                name, Localizer(map_, matcher=matcher, backend=options.backend), cases
+                name, Localizer(map_, WHOLE_LOOP, matcher, options.backend), cases
             )
         ),
     )  # fmt: skip
@@ -193,7 +196,7 @@ def _print_recovery(
     """Of the whole pipeline with one place, and with as many as it tries by default."""
     rows = []
     for name, matcher in matchers.items():
-        with Localizer(map_, None, matcher, backend) as localizer:
+        with Localizer(map_, WHOLE_LOOP, matcher, backend) as localizer:
             settings = localizer.settings
             for places, most in ((1, 1), (settings.hypotheses, settings.retrieved)):
                 results = [

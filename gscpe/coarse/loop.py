@@ -24,7 +24,8 @@ class CoarseObserver:
     def round_done(
         self, view: RenderedView, matches: Matches, estimate: AbsolutePose | None
     ) -> None:
-        """A render, its matches with the photo, and the pose that came of them."""
+        """A render, its matches with the photo, and the pose that came of them. The first render
+        of an easy photo is smaller than the photo; pixels are those of ``view.camera``."""
 
 
 def estimate_coarse_pose(

@@ -17,6 +17,8 @@ from gscpe.geometry.projection import pose_jacobian, project, transform_points
 
 _MIN_POINTS = 4
 _BEHIND = 1e-6
+_SMALLEST_STEP = 1e-7
+"""Of Gauss-Newton, map units or radians: far below the deviation of any pose."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ def refine_absolute_pose(
         jacobian = pose_jacobian(camera, points_in_cam[near])
         step = solve_observed(*normal_equations(jacobian, weights, residuals[near]))
         cam_from_world = se3.exp(step) @ cam_from_world
-        if np.abs(step).max() < 1e-9:
+        if np.abs(step).max() < _SMALLEST_STEP:
             break
     return cam_from_world
 

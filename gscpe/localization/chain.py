@@ -33,18 +33,19 @@ class Chain:
         matchers: of photo and render.
         places: where to begin.
         stages: of one attempt.
-        has_references: whether the map has reference photos.
+        references: how many photos the map has.
     """
 
     settings: LocalizerSettings
     matchers: Matchers
     places: Places
     stages: Stages
-    has_references: bool
+    references: int
 
     def prepared(self, photo: Photo, clock: Clock, orientation: int = 1) -> PreparedPhoto:
         """A photo, at the map's resolution, to be localized."""
-        beside, side = self.stages.beside, self.settings.easy.side
+        beside, easy = self.stages.beside, self.settings.easy
+        side = easy.side if self.references >= easy.min_references else 0
         return PreparedPhoto(photo, self.matchers.first.matcher, clock, orientation, beside, side)
 
     def attempts(
@@ -139,7 +140,7 @@ class Chain:
 
     def turned(self, query: PreparedPhoto) -> Iterator[PreparedPhoto]:
         """The photo turned by quarters, which learned features do not recognize."""
-        if not self.has_references or isinstance(self.matchers.first.matcher, SiftMatcher):
+        if not self.references or isinstance(self.matchers.first.matcher, SiftMatcher):
             return  # there is nothing that is upright; or turns do not matter
         for orientation in self.settings.orientations:
             photo = turned_photo(query.photo, orientation)

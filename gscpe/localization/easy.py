@@ -2,11 +2,8 @@
 """Easy photos: one small render is matched, then one from the right place, during the alignment.
 
 What further rounds of the coarse loop add is matches from the right place. They are made while
-the photo is aligned, with a render of their own. Where anything about this is in doubt, the photo
-is not easy, and the whole loop is run.
-
-On RedKitchen it takes 0.8 of the time and is as exact (docs/benchmarks.md); on synthetic maps of
-one RGB-D photo it was less exact, and so it is not the default.
+the photo is aligned, with the same render. Where anything about this is in doubt, the photo
+is not easy, and the whole loop is run. Measured: docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -15,6 +12,7 @@ from dataclasses import dataclass
 
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult, CoarseSettings, Round, match_render
+from gscpe.geometry.camera import Camera
 from gscpe.localization.beside import Beside
 from gscpe.localization.observer import Observer
 from gscpe.localization.prepared import PreparedPhoto
@@ -29,17 +27,22 @@ class EasySettings:
     """When a single round is enough to begin the alignment.
 
     Attributes:
-        side: pixels of the shorter side of the render of this round, and of the photo for it;
-            0, the default: all photos go through the whole coarse loop. 240 is a good value.
+        side: pixels of the shorter side of the render of this round, and of the photo for it.
+            Photos that are not at least half as large again go through the whole coarse loop,
+            which is fast with these; 0: all photos do.
+        min_references: photos that the map must have. A splat of one RGB-D photo looks right from
+            close by alone, so that there further rounds, from ever nearer, are worth their time.
         min_inliers: matches that must agree with a pose, ...
         min_inlier_share: ... as a share of all, ...
-        min_spread: ... and share of a 4x4 grid over the photo that must hold one.
+        min_spread: ... and share of a 4x4 grid over the photo that must hold one: more than a
+            half, so that no photo of which half is covered is easy.
     """
 
-    side: int = 0
+    side: int = 240
+    min_references: int = 2
     min_inliers: int = 60
     min_inlier_share: float = 0.5
-    min_spread: float = 0.5
+    min_spread: float = 0.6
 
 
 def is_easy(first: Round, settings: EasySettings) -> bool:
@@ -55,6 +58,7 @@ def localize_easy(
     renderer: Renders,
     matcher: Matcher,
     query: PreparedPhoto,
+    small_camera: Camera,
     start_cam_from_world: Float64Array,
     beside: Beside,
     easy: EasySettings,
@@ -68,12 +72,13 @@ def localize_easy(
         renderer: of the map's splat.
         matcher: of photo and render.
         query: the photo.
+        small_camera: of the photo for the first look.
         start_cam_from_world: (4, 4), the reference pose.
         beside: where the second match is made.
         easy, coarse, refinement: settings.
         observer: is told of both rounds, and of the alignment between them.
     """
-    clock, small_camera = query.clock, query.small_camera
+    clock = query.clock
     with clock.stage("coarse"):
         view = renderer.render(small_camera, start_cam_from_world)
     small = query.prepared_for(matcher, small=True)
@@ -82,22 +87,22 @@ def localize_easy(
     observer.round_done(view, first.matches, first.estimate)
     if first.estimate is None or not is_easy(first, easy):
         return None
-    prepared = query.prepared_for(matcher)
     camera, near = query.photo.camera, first.estimate.cam_from_world
-    matching = beside.begin(
-        lambda: match_render(renderer.render(camera, near), matcher, prepared, camera, coarse)
-    )
+    with clock.stage("coarse"):
+        view = renderer.render(camera, near)
+    prepared = query.prepared_for(matcher)
+
+    def match() -> tuple[Round, CoarseResult]:
+        second = match_render(view, matcher, prepared, camera, coarse)
+        return second, second.result(2, second.has_settled(near, coarse), coarse)
+
+    matching = beside.begin(match)
     with clock.stage("refinement"):
-        aligned = refine_pose(
-            renderer, query.photo, first.estimate.cam_from_world, refinement, observer
-        )
+        aligned = refine_pose(renderer, query.photo, near, refinement, observer, view)
     if aligned.cam_from_world is None:
         matching.drop()
         return None
     with clock.stage("coarse"):
-        second = matching.result()
-        matched = second.result(
-            2, second.has_settled(first.estimate.cam_from_world, coarse), coarse
-        )
+        second, matched = matching.result()
     observer.round_done(second.view, second.matches, second.estimate)
     return matched, aligned

@@ -96,8 +96,8 @@ class Localizer(Closing):
         self._renderer = Renderer(map_.scene, backend, progress)
         self._beside = Beside(self._matcher)
         stages = Stages(map_.frame, self.settings, self._renderer, self._beside)
-        has_references = len(map_.references) > 0
-        self._chain = Chain(self.settings, matchers, self._places, stages, has_references)
+        references = len(map_.references)
+        self._chain = Chain(self.settings, matchers, self._places, stages, references)
         self._lock = threading.RLock()  # an observer may render
         self._closed = False
 

@@ -14,6 +14,9 @@ from gscpe.matching import LighterGlueMatcher, Matcher, XFeatMatcher
 from gscpe.scene import Photo
 from gscpe.scene.photo import resized_photo
 
+_WORTH_WHILE = 1.5
+"""Times by which a photo must be larger than that for a first look."""
+
 
 class PreparedPhoto:
     """A photo that is being localized, and what matchers make of it once it is needed.
@@ -25,6 +28,7 @@ class PreparedPhoto:
         orientation: how the photo was turned, EXIF's number.
         beside: prepares it while others work; None: when it is needed.
         small_side: pixels of the shorter side of a smaller photo for a first look; 0: none.
+            Nor is there one where it would hardly be smaller.
     """
 
     def __init__(
@@ -47,7 +51,8 @@ class PreparedPhoto:
 
     def begin(self) -> None:
         """Prepares it for the first matcher beside what follows."""
-        self._work(self._matcher, small=True)
+        if self._small is not None:
+            self._work(self._matcher, small=True)
         self._work(self._matcher, small=False)
 
     @property
@@ -56,9 +61,9 @@ class PreparedPhoto:
         return self.prepared_for(self._matcher)
 
     @property
-    def small_camera(self) -> Camera:
-        """Of the photo for a first look; the photo's own where that is small enough."""
-        return self._small.camera
+    def small_camera(self) -> Camera | None:
+        """Of the photo for a first look; None where there is none."""
+        return None if self._small is None else self._small.camera
 
     def prepared_for(self, matcher: Matcher, small: bool = False) -> Any:
         """``matcher.prepare(photo)``, or of the small photo, made once."""
@@ -76,7 +81,7 @@ class PreparedPhoto:
         # LighterGlue matches the best of the features that XFeat's matcher has.
         shared = isinstance(matcher, LighterGlueMatcher) and isinstance(self._matcher, XFeatMatcher)
         maker = self._matcher if shared else matcher
-        photo = self._small if small else self.well_lit
+        photo = self._small if small and self._small is not None else self.well_lit
         key = (maker, photo is not self.well_lit)
         if key not in self._works:
 
@@ -89,6 +94,8 @@ class PreparedPhoto:
         return self._works[key]
 
 
-def _smaller(photo: Photo, side: int) -> Photo:
+def _smaller(photo: Photo, side: int) -> Photo | None:
     shorter = min(photo.camera.width, photo.camera.height)
-    return resized_photo(photo, side / shorter) if 0 < side < shorter else photo
+    if side == 0 or shorter < _WORTH_WHILE * side:
+        return None
+    return resized_photo(photo, side / shorter)

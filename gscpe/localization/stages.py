@@ -60,11 +60,12 @@ class Stages:
         coarse loop."""
         settings, matcher = self.settings, named.matcher
         query.begin()
-        if settings.easy.side > 0:
+        if query.small_camera is not None:
             found = localize_easy(
                 self.renderer,
                 matcher,
                 query,
+                query.small_camera,
                 start.cam_from_world,
                 self.beside,
                 settings.easy,

@@ -8,6 +8,7 @@ They do what ``lucas_kanade.py`` says in NumPy, which is used where Numba is not
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
@@ -141,6 +142,35 @@ def _combined(matrix, rows, product):
                 product[i, k] += factor * rows[j, k]
 
 
+@compiled(fastmath={"contract"})
+def _vote(
+    depth, lens, mask, view_lens, pose, nearest, farthest, known, tolerance, seen, votes
+):  # fmt: skip
+    """Adds to seen and votes, (H, W), within the mask."""
+    height, width = known.shape
+    fx, fy, cx, cy = view_lens[0], view_lens[1], view_lens[2], view_lens[3]
+    for i in range(depth.shape[0]):
+        ray_y = (i + 0.5 - lens[3]) / lens[1]
+        for j in range(depth.shape[1]):
+            if not mask[i, j]:
+                continue
+            z = np.float64(depth[i, j])
+            x, y = (j + 0.5 - lens[2]) / lens[0] * z, ray_y * z
+            ahead = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+            if not ahead > 1e-6:
+                continue
+            u = (pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]) / ahead * fx + cx
+            v = (pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]) / ahead * fy + cy
+            if not (u >= 0.0 and v >= 0.0 and u < width and v < height):
+                continue
+            column, row = np.intp(u), np.intp(v)
+            if not known[row, column]:
+                continue
+            seen[i, j] += 1
+            if nearest[row, column] - tolerance < ahead < farthest[row, column] + tolerance:
+                votes[i, j] += 1
+
+
 def inner_products(a: Float32Array, b: Float32Array) -> Float64Array:
     """As :func:`gscpe.refinement.products.inner_products`."""
     product = np.empty((len(a), len(b)))
@@ -207,6 +237,29 @@ def normal_equations(
     return hessian + np.triu(hessian, 1).T, right
 
 
+def vote(
+    depth: Float32Array,
+    camera: Camera,
+    mask: BoolArray,
+    view_camera: Camera,
+    view_from_anchor: Float64Array,
+    nearest: Float32Array,
+    farthest: Float32Array,
+    known: BoolArray,
+    tolerance: float,
+    seen: NDArray[np.uint16],
+    votes: NDArray[np.uint16],
+) -> None:
+    """As :func:`gscpe.refinement.visibility._vote`, given the range of the view's depth around each
+    of its pixels, and where it is known."""
+    lens, view_lens = (np.array([c.fx, c.fy, c.cx, c.cy]) for c in (camera, view_camera))
+    pose = np.ascontiguousarray(view_from_anchor[:3])
+    _vote(
+        *(np.ascontiguousarray(depth), lens, mask, view_lens, pose),
+        *(nearest, farthest, known, tolerance, seen, votes),
+    )
+
+
 def compile_now() -> None:
     """Compiles the loops, or loads them from Numba's cache. An interrupt waits: in Numba's
     compiler it would be lost."""
@@ -223,3 +276,9 @@ def compile_now() -> None:
         combined(points, points.T)
         weighted_squares(points, ones)
         sums_by_label(np.zeros(1, dtype=np.intp), points, 1)
+        everywhere = np.ones((2, 2), dtype=np.bool_)
+        counts = np.zeros((2, 2), dtype=np.uint16)
+        vote(
+            image, camera, everywhere, camera, np.eye(4),
+            image, image, everywhere, 0.0, counts, counts.copy(),
+        )  # fmt: skip

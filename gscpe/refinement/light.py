@@ -12,6 +12,7 @@ from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is
 from gscpe.refinement.illumination import IlluminationSettings, fit_illumination
 from gscpe.render import RenderedView
 from gscpe.scene import Photo, luminance
+from gscpe.scene.photo import brightest_channel
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class PhotoLight:
         self._photo = photo
         self._settings = settings
         self._clipped = is_clipped(photo.rgb, settings.clipping)
-        usable = photo.rgb.max(axis=2) < settings.clipping.value
+        usable = brightest_channel(photo.rgb) < settings.clipping.value
         self._usable = usable if photo.valid is None else usable & photo.valid
         self._luminance = luminance(photo.rgb)
 

@@ -19,7 +19,7 @@ from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import anchor_pyramid, photo_pyramid
 from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
-from gscpe.render import Renders
+from gscpe.render import RenderedView, Renders
 from gscpe.scene import Photo, luminance
 
 _log = logging.getLogger(__name__)
@@ -136,6 +136,7 @@ def refine_pose(
     start_cam_from_world: Float64Array,
     settings: RefinementSettings,
     observer: RefinementObserver | None = None,
+    first_anchor: RenderedView | None = None,
 ) -> RefinementResult:
     """Aligns renders of the map to the photo, from a pose near the true one.
 
@@ -145,6 +146,8 @@ def refine_pose(
         start_cam_from_world: (4, 4), the coarse pose.
         settings: see :class:`RefinementSettings`.
         observer: is told of each anchor and each iteration.
+        first_anchor: the map as the photo's camera sees it from the start, where it has been
+            rendered already.
     """
     observer = observer or RefinementObserver()
     smallest_side = min(photo.camera.width, photo.camera.height)
@@ -163,7 +166,10 @@ def refine_pose(
     alignment: Alignment | None = None
     anchors = 0
     while anchors < settings.max_anchors:
-        view = renderer.render(photo.camera, cam_from_world)
+        if first_anchor is not None and anchors == 0:
+            view = first_anchor
+        else:
+            view = renderer.render(photo.camera, cam_from_world)
         anchors += 1
         observer.anchor_rendered(view)
         tolerance_unit = view.tolerance_unit()

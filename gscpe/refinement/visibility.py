@@ -7,12 +7,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.projection import unproject_image
+from gscpe.refinement.products import compiled_loops
 from gscpe.render import RenderedView, Renders
+
+_BEHIND = 1e-6
 
 
 @dataclass(frozen=True)
@@ -74,19 +78,12 @@ def visibility_mask(
         max(1, round(camera.width * settings.view_scale)),
         max(1, round(camera.height * settings.view_scale)),
     )
-    indices = np.flatnonzero(mask)
-    points = unproject_image(camera, anchor.depth, indices)
-    votes, seen = np.zeros(len(indices)), np.zeros(len(indices))
+    tolerance = settings.depth_tolerance / metres_per_unit
+    seen, votes = np.zeros((2, *mask.shape), dtype=np.uint16)
     for view_from_anchor in _perturbations(settings, metres_per_unit):
         view = renderer.render(small, view_from_anchor @ anchor.cam_from_world)
-        moved = view_from_anchor[:3, :3] @ points + view_from_anchor[:3, 3, None]
-        nearest, farthest, inside = _depth_around(view, moved)
-        tolerance = settings.depth_tolerance / metres_per_unit
-        seen += inside
-        votes += inside & (moved[2] > nearest - tolerance) & (moved[2] < farthest + tolerance)
-    trusted = votes >= settings.min_votes * seen  # also where no view sees the point
-    mask.ravel()[indices] = trusted
-    return mask
+        _vote(anchor, mask, view, view_from_anchor, tolerance, seen, votes)
+    return np.asarray(mask & (votes >= settings.min_votes * seen))  # also where no view sees
 
 
 def _perturbations(settings: VisibilitySettings, metres_per_unit: float) -> list[Float64Array]:
@@ -99,25 +96,46 @@ def _perturbations(settings: VisibilitySettings, metres_per_unit: float) -> list
     ]
 
 
-def _depth_around(
-    view: RenderedView, points: Float64Array
-) -> tuple[Float32Array, Float32Array, BoolArray]:
-    """Range of the rendered depth in the 3x3 pixels where points, (3, N), project; and
-    whether the view sees there.
+def _vote(
+    anchor: RenderedView,
+    mask: BoolArray,
+    view: RenderedView,
+    view_from_anchor: Float64Array,
+    tolerance: float,
+    seen: NDArray[np.uint16],
+    votes: NDArray[np.uint16],
+) -> None:
+    """Counts where a view sees the anchor's pixels within the mask, and where it agrees: where a
+    point's depth is in the range of the rendered depth in the 3x3 pixels where it projects.
 
     The range, and not one depth, because a small view has large pixels: on a slanted
     surface neighbouring depths differ by more than any tolerance for errors.
     """
-    camera = view.camera
-    ahead = points[2] > 1e-6
-    z = np.where(ahead, points[2], 1.0)
-    u = points[0] / z * camera.fx + camera.cx
-    v = points[1] / z * camera.fy + camera.cy
-    inside = ahead & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    column = np.clip(u, 0, camera.width - 1).astype(np.intp)
-    row = np.clip(v, 0, camera.height - 1).astype(np.intp)
     kernel = np.ones((3, 3), dtype=np.uint8)
     known = view.depth > 0
     nearest = cv2.erode(np.where(known, view.depth, np.float32(np.inf)), kernel)
     farthest = cv2.dilate(view.depth, kernel)
-    return nearest[row, column], farthest[row, column], inside & known[row, column]
+    loops = compiled_loops()
+    if loops is not None:
+        loops.vote(
+            *(anchor.depth, anchor.camera, mask, view.camera, view_from_anchor),
+            *(nearest, farthest, known, tolerance, seen, votes),
+        )
+        return
+    points = unproject_image(anchor.camera, anchor.depth)[:, mask.ravel()]
+    moved = view_from_anchor[:3, :3] @ points + view_from_anchor[:3, 3, None]
+    ahead = moved[2] > _BEHIND
+    z = np.where(ahead, moved[2], 1.0)
+    u = moved[0] / z * view.camera.fx + view.camera.cx
+    v = moved[1] / z * view.camera.fy + view.camera.cy
+    height, width = known.shape
+    inside = ahead & (u >= 0) & (v >= 0) & (u < width) & (v < height)
+    column = np.clip(u, 0, width - 1).astype(np.intp)
+    row = np.clip(v, 0, height - 1).astype(np.intp)
+    inside &= known[row, column]
+    seen[mask] += inside
+    votes[mask] += (
+        inside
+        & (moved[2] > nearest[row, column] - tolerance)
+        & (moved[2] < farthest[row, column] + tolerance)
+    )

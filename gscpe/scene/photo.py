@@ -42,6 +42,12 @@ def luminance(rgb: UInt8Array | Float32Array) -> Float32Array:
     return np.asarray(scale * grey, dtype=np.float32)
 
 
+def brightest_channel(rgb: UInt8Array) -> UInt8Array:
+    """Of each pixel of (..., 3), (...). (NumPy's max over a short axis takes six times as long.)"""
+    red, green, blue = (rgb[..., channel] for channel in range(3))
+    return np.asarray(np.maximum(np.maximum(red, green), blue), dtype=np.uint8)
+
+
 def resized_photo(photo: Photo, scale: float) -> Photo:
     """The photo at about ``scale`` times its size, its camera scaled by what it really was."""
     height, width = photo.rgb.shape[:2]

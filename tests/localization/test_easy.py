@@ -24,8 +24,8 @@ from gscpe.render import RenderedView
 
 CAMERA = room_camera(480, 360)
 TRUTH = np.asarray(se3.exp([0.06, -0.03, 0.05, 0.02, -0.03, 0.01]) @ ROOM_POSE)
-EASY = EasySettings(side=90)
-"""Half of the room's reference photo."""
+EASY = EasySettings(side=90, min_references=1)
+"""Half of the size of the room's photo, which is the map's only one."""
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +115,36 @@ def test_what_is_not_easy_goes_through_the_whole_loop(
     np.testing.assert_array_equal(result.coarse.cam_from_world, whole.coarse.cam_from_world)
 
 
-def test_small_photos_are_matched_as_they_are(image: NDArray[np.uint8]) -> None:
+def test_a_photo_that_is_hardly_larger_goes_through_the_whole_loop(
+    image: NDArray[np.uint8],
+) -> None:
     looks = Looks()
-    assert localize(image, looks, easy=EasySettings(side=180)).localized
-    assert looks.widths == [240, 240]
+    assert localize(image, looks, easy=replace(EASY, side=121)).localized
+    assert set(looks.widths) == {240}
+
+
+def test_a_map_of_one_photo_is_matched_by_the_whole_loop(image: NDArray[np.uint8]) -> None:
+    looks = Looks()
+    assert localize(image, looks, easy=EasySettings(side=90)).localized
+    assert set(looks.widths) == {240}
+
+
+@pytest.mark.parametrize("side", ["left", "top"])
+def test_a_photo_half_covered_goes_through_the_whole_loop(
+    side: str, image: NDArray[np.uint8]
+) -> None:
+    looks, half = Looks(), image.copy()
+    half[{"left": np.s_[:, :240], "top": np.s_[:180]}[side]] = (70, 60, 50)
+    localize(half, looks, easy=EASY, more_places=0, escalate=False, orientations=())
+    assert looks.widths[0] == 120
+    assert looks.widths.count(240) == len(looks.widths) - 1
+    easy = localize(half, None, easy=EASY, more_places=0, escalate=False, orientations=())
+    whole = localize(
+        half, None, easy=EasySettings(side=0), more_places=0, escalate=False, orientations=()
+    )
+    assert easy.localized == whole.localized
+    if easy.cam_from_world is not None:
+        np.testing.assert_array_equal(easy.cam_from_world, whole.cam_from_world)
 
 
 def seen(inliers: int, others: int, cells: int) -> Round:
@@ -139,7 +165,7 @@ def seen(inliers: int, others: int, cells: int) -> Round:
         (80, 20, 12, True),
         (40, 10, 12, False),  # few
         (80, 90, 12, False),  # against many
-        (80, 20, 6, False),  # in a corner
+        (80, 20, 8, False),  # in one half
         (0, 90, 0, False),
     ],
 )

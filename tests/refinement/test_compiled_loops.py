@@ -3,13 +3,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import ROOM_POSE, room, room_camera
+from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.geometry import se3
-from gscpe.refinement import LucasKanadeSettings, lucas_kanade, products
+from gscpe.refinement import (
+    LucasKanadeSettings,
+    VisibilitySettings,
+    lucas_kanade,
+    products,
+    visibility,
+)
 from gscpe.refinement.lucas_kanade import Alignment, align, build_template, residuals_of
 from gscpe.refinement.products import (
     combined,
@@ -18,6 +26,7 @@ from gscpe.refinement.products import (
     weighted_squares,
 )
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.visibility import visibility_mask
 from gscpe.scene import luminance
 
 pytest.importorskip("numba")
@@ -112,3 +121,18 @@ def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch
     np.testing.assert_allclose(fast.photo_from_anchor, slow.photo_from_anchor, atol=2e-6)
     assert fast.gain == pytest.approx(slow.gain, abs=1e-5)
     assert fast.residual == pytest.approx(slow.residual, rel=1e-3)
+
+
+def test_votes(without_numba: pytest.MonkeyPatch) -> None:
+    """A board before a wall: the views see what is behind it, and past the anchor's borders."""
+    camera = room_camera(160, 120)
+    renderer = RayCastRenderer(room())
+    anchor = renderer.render(camera, ROOM_POSE)
+    depth = anchor.depth.copy()
+    depth[40:70, 20:50] -= np.float32(0.3)
+    anchor = replace(anchor, depth=depth)
+    masks = [visibility_mask(renderer, anchor, VisibilitySettings(views=3), 1.0)]
+    without_numba.setattr(visibility, "compiled_loops", lambda: None)
+    masks.append(visibility_mask(renderer, anchor, VisibilitySettings(views=3), 1.0))
+    assert 0.5 < masks[0].mean() < 0.95
+    assert np.count_nonzero(masks[0] != masks[1]) <= 3  # on the border of a view's pixel
