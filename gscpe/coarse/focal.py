@@ -35,6 +35,8 @@ class FocalSettings:
         min_inliers: matches that must agree with the best.
         max_relative_sigma: largest relative standard deviation of an accepted focal length: a flat
             wall looks the same from far away with a long lens as from nearby with a short one.
+        principal_sigma: standard deviation of the principal point of such a camera, which is not
+            estimated but taken to be the guess's, as a share of the focal length.
     """
 
     widest: float = 0.5
@@ -44,6 +46,7 @@ class FocalSettings:
     ordinary: float = 0.9
     min_inliers: int = 30
     max_relative_sigma: float = 0.03
+    principal_sigma: float = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +117,12 @@ def estimate_focal_length(
             f"the matches do not determine it (standard deviation {found.relative_sigma:.0%}), "
             "as with a flat wall; give the intrinsics"
         )
-    return replace(found, camera=replace(found.camera, focal_sigma=found.relative_sigma))
+    camera = replace(
+        found.camera,
+        focal_sigma=found.relative_sigma,
+        principal_sigma=settings.principal_sigma,
+    )
+    return replace(found, camera=camera)
 
 
 _STARTS = (1.0, 0.8, 0.9, 1.11, 1.25)

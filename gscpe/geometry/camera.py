@@ -50,6 +50,8 @@ class Camera:
             polynomial of it), not with its tangent.
         focal_sigma: standard deviation of the focal lengths, as a share of them; 0 where they are
             exact. It goes into the covariance of poses.
+        principal_sigma: ... of either coordinate of the principal point, as a share of the focal
+            lengths. It goes into the covariance of poses too.
 
     Raises:
         CameraError: a size or a focal length is not positive, or a number is not finite.
@@ -64,6 +66,7 @@ class Camera:
     distortion: tuple[float, ...] = ()
     fisheye: bool = False
     focal_sigma: float = 0.0
+    principal_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -75,8 +78,9 @@ class Camera:
             raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 8):
             raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
-        if not 0 <= self.focal_sigma < np.inf:
-            raise CameraError(f"focal_sigma must be 0 or more, not {self.focal_sigma}")
+        for name in ("focal_sigma", "principal_sigma"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise CameraError(f"{name} must be 0 or more, not {getattr(self, name)}")
 
     @classmethod
     def pinhole(

@@ -56,10 +56,14 @@ def _aligned_in_world(aligned: RefinementResult | None, frame: MapFrame) -> Refi
         cam_from_world=frame.cam_from_world(aligned.cam_from_world),
         covariance=_covariance_in_world(aligned.covariance, frame),
         unshared=_covariance_in_world(aligned.unshared, frame),
-        by_log_focal=None
-        if aligned.by_log_focal is None
-        else aligned.by_log_focal / np.repeat([frame.scale, 1.0], 3),
+        by_log_focal=_xi_in_world(aligned.by_log_focal, frame),
+        by_principal=_xi_in_world(aligned.by_principal, frame),
     )
+
+
+def _xi_in_world(by: Float64Array | None, frame: MapFrame) -> Float64Array | None:
+    """Columns of (translation, rotation), (6,) or (6, N), in world units."""
+    return None if by is None else (by.T / np.repeat([frame.scale, 1.0], 3)).T
 
 
 def _covariance_in_world(covariance: Float64Array | None, frame: MapFrame) -> Float64Array | None:

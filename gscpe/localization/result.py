@@ -37,8 +37,8 @@ class LocalizationResult:
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
             map's world units and radians; None when not localized. Unlike the covariances of the
-            stages, it includes the uncertainty of the camera's focal length, and how far the
-            matches contradict it.
+            stages, it includes the uncertainty of the camera's focal length and principal point,
+            and how far the matches contradict the focal length.
         camera: that was given, or estimated (``focal_sigma`` is not 0 then).
         best: the attempt that the result comes from; None when there was nothing to start from.
         attempts: all attempts, in order.
@@ -188,8 +188,11 @@ def _final_pose(
             aligned.unshared,
         )
         contradiction = focal_contradiction(coarse, camera)
-    # A wrong focal length moves matches and alignment alike, so it counts after their mean.
+    # Wrong intrinsics move matches and alignment alike, so they count after their mean.
     variance = camera.focal_sigma**2 + contradiction**2
     if variance > 0 and aligned.by_log_focal is not None:
         covariance = covariance + variance * np.outer(aligned.by_log_focal, aligned.by_log_focal)
+    if camera.principal_sigma > 0 and aligned.by_principal is not None:
+        by_principal = camera.principal_sigma * aligned.by_principal
+        covariance = covariance + by_principal @ by_principal.T
     return pose, covariance

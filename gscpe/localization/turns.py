@@ -56,10 +56,12 @@ def turned_back(attempt: Attempt, turned: PreparedPhoto) -> Attempt:
     if aligned is not None and aligned.cam_from_world is not None:
         adjoint = se3.adjoint(cam_from_turned)
         unshared, by_log_focal = aligned.unshared, aligned.by_log_focal
+        by_principal, from_turned = aligned.by_principal, cam_from_turned[:2, :2]
         aligned = replace(
             aligned,
             unshared=None if unshared is None else adjoint @ unshared @ adjoint.T,
             by_log_focal=None if by_log_focal is None else adjoint @ by_log_focal,
+            by_principal=None if by_principal is None else adjoint @ by_principal @ from_turned.T,
         )
     return replace(
         attempt,

@@ -95,6 +95,8 @@ class RefinementResult:
             same unit and radians.
         by_log_focal: (6,) derivative of the same xi with respect to the logarithm of the photo's
             focal lengths.
+        by_principal: (6, 2) ... to its principal point, whose coordinates are counted in focal
+            lengths.
         gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
         residual: robust standard deviation of the photometric residual, luminance.
         agreement: mean local correlation of photo and render, in [-1, 1]; see
@@ -124,6 +126,7 @@ class RefinementResult:
     converged: bool
     reason: str | None = None
     by_log_focal: Float64Array | None = None
+    by_principal: Float64Array | None = None
     unshared: Float64Array | None = None
 
     def __repr__(self) -> str:
@@ -215,6 +218,7 @@ def refine_pose(
         cam_from_world=cam_from_world,
         covariance=uncertainty.covariance,
         by_log_focal=uncertainty.by_log_focal,
+        by_principal=uncertainty.by_principal,
         gain=last_light[0],
         bias=last_light[1],
         residual=alignment.residual,

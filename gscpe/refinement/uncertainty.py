@@ -66,11 +66,14 @@ class PoseUncertainty:
             stripes. Whoever compares the two images, by whatever means, knows no better.
         by_log_focal: (6,) how the pose follows the logarithm of the photo's focal lengths, which
             the covariance takes as exact.
+        by_principal: (6, 2) ... and its principal point, whose coordinates are counted in focal
+            lengths.
     """
 
     covariance: Float64Array
     unshared: Float64Array
     by_log_focal: Float64Array
+    by_principal: Float64Array
 
 
 @dataclass(frozen=True)
@@ -155,10 +158,14 @@ def pose_uncertainty(
     blind = np.clip(2.0 - kept / (0.5 * settings.enough_shared), 0.0, 1.0)
     unshared = of_pose(np.sqrt(blind * (1.0 / kept - 1.0)))
     # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
-    by_focal = -gain * template.jacobian[:, 2] * template.points[2]
-    right = inner_products(design * weights, by_focal[None])[:, 0]
-    by_log_focal = -to_photo @ (inverse @ right)[:6]
-    return PoseUncertainty(_symmetric(covariance), _symmetric(unshared), by_log_focal)
+    # A principal point that is off moves all points alike, as if by their depth.
+    by_camera = np.ascontiguousarray(gain * template.jacobian[:, :3].T * template.points[2])
+    by_camera[2] *= -1.0
+    right = inner_products(design * weights, by_camera)
+    by_intrinsics = -to_photo @ (inverse @ right)[:6]
+    return PoseUncertainty(
+        _symmetric(covariance), _symmetric(unshared), by_intrinsics[:, 2], by_intrinsics[:, :2]
+    )
 
 
 def _shared_information(

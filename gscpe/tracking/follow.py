@@ -131,11 +131,10 @@ def covariance_of(followed: Followed, frame: Frame, settings: TrackingSettings) 
     uncertainty = pose_uncertainty(
         *(judged, frame.levels[0], followed.alignment, settings.solver, settings_of_few)
     )
-    sigma = frame.camera.focal_sigma
-    if sigma == 0.0:
-        return uncertainty.covariance
-    by_focal = sigma * uncertainty.by_log_focal
-    return np.asarray(uncertainty.covariance + np.outer(by_focal, by_focal))
+    by_focal = frame.camera.focal_sigma * uncertainty.by_log_focal
+    by_principal = frame.camera.principal_sigma * uncertainty.by_principal
+    by_camera = np.outer(by_focal, by_focal) + by_principal @ by_principal.T
+    return np.asarray(uncertainty.covariance + by_camera)
 
 
 class Judge:

@@ -247,10 +247,35 @@ def test_the_focal_lengths_deviation_is_in_the_covariance(localizer: Localizer) 
     assert unsure.camera.focal_sigma == 0.02
 
 
+def test_the_principal_points_deviation_is_in_the_covariance(localizer: Localizer) -> None:
+    """It adds what the pose moves by when either coordinate of the principal point does."""
+    image = room().shoot(PHOTO_CAMERA, BESIDE, samples=2).uint8
+    exact = localizer.localize(image, PHOTO_CAMERA)
+    unsure = localizer.localize(image, replace(PHOTO_CAMERA, principal_sigma=0.01))
+    assert exact.covariance is not None and unsure.covariance is not None
+    assert exact.aligned is not None and exact.aligned.by_principal is not None
+    assert exact.aligned.cam_from_world is not None
+    for axis, name in enumerate(("cx", "cy")):
+        poses = []
+        for off in (0.005, -0.005):
+            shifted = getattr(PHOTO_CAMERA, name) + off * PHOTO_CAMERA.fx
+            moved = localizer.localize(image, replace(PHOTO_CAMERA, **{name: shifted})).aligned
+            assert moved is not None and moved.cam_from_world is not None
+            poses.append(moved.cam_from_world)
+        xi = se3.log(poses[0] @ se3.inverse(poses[1]))
+        predicted = 0.01 * exact.aligned.by_principal[:, axis]
+        for half, share in ((slice(0, 3), 0.35), (slice(3, 6), 0.1)):
+            assert np.linalg.norm(xi[half] - predicted[half]) < share * np.linalg.norm(xi[half])
+    added = unsure.covariance - exact.covariance
+    expected = 0.01**2 * exact.aligned.by_principal @ exact.aligned.by_principal.T
+    np.testing.assert_allclose(added, expected, rtol=0.05, atol=1e-9)
+
+
 def test_an_estimated_camera_says_how_sure_it_is(localizer: Localizer) -> None:
     image = room().shoot(PHOTO_CAMERA, BESIDE, samples=2).uint8
     camera = localizer.estimate_camera(image)
     assert 0 < camera.focal_sigma < 0.03
+    assert camera.principal_sigma == FocalSettings().principal_sigma
     assert abs(np.log(camera.fx / PHOTO_CAMERA.fx)) < 4.0 * camera.focal_sigma
     result = localizer.localize(image, camera)
     assert result.cam_from_world is not None and result.covariance is not None
