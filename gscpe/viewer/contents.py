@@ -149,7 +149,9 @@ def contents_of(
         for i, camera in _thinned(list(enumerate(references.cameras)), most_cameras)
     ]
     if len(shown) < len(references):
-        notes.append(f"{len(shown)} of {len(references)} reference photos are drawn.")
+        notes.append(f"{len(shown)} of {references.count_text()} are drawn.")
+    if references.virtual:
+        notes.append("The references are renders of the splat; there are no photos of them.")
     known = dict.fromkeys([*findings.details, *findings.poses, *findings.truth])
     names = set(_thinned(list(known), most_cameras))
     if len(names) < len(known):
