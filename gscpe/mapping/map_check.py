@@ -101,13 +101,15 @@ def check_map(
         progress: show a bar.
 
     Raises:
-        MapError: the map has no references.
+        MapError: the map has no references, or they are virtual.
         PhotoError, CameraError: a photo cannot be used.
     """
     settings = settings or MapCheckSettings()
     references = map_.world_references
     if not len(references):
         raise MapError("a map without reference photos cannot be checked by them")
+    if references.virtual:
+        raise MapError("the map's references are renders of its splat: no photos can check it")
     chosen = spread(len(references), settings.references)
     checked = []
     with Localizer(map_, matcher=matcher, backend=backend, progress=progress) as localizer:

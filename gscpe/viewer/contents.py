@@ -159,7 +159,9 @@ def contents_of(
         for i, camera in _thinned(list(enumerate(references.cameras)), most_cameras)
     ]
     if len(shown) < len(references):
-        notes.append(f"{len(shown)} of {len(references)} reference photos are drawn.")
+        notes.append(f"{len(shown)} of {references.count_text()} are drawn.")
+    if references.virtual:
+        notes.append("The references are renders of the splat; there are no photos of them.")
     known = dict.fromkeys([*findings.details, *findings.poses, *findings.truth])
     thinned = _thinned if like is None else _thinned_by_halves
     names = set(thinned(list(known), most_cameras))

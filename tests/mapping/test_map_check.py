@@ -103,5 +103,8 @@ def test_the_unit_of_a_distance_is_the_users(map_: Map, photos: Path) -> None:
 def test_without_references_there_is_nothing_to_check(map_: Map, tmp_path: Path) -> None:
     with pytest.raises(MapError, match="without reference photos"):
         check_map(map_without_references(map_.scene), tmp_path)
+    virtual = replace(map_, references=replace(map_.references, virtual=True))
+    with pytest.raises(MapError, match="renders of its splat"):
+        check_map(virtual, tmp_path)
     with pytest.raises(SettingsError):
         MapCheckSettings(references=0)
