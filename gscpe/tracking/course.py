@@ -40,6 +40,10 @@ _FAR = 2.0
 """Times ``anchor_pixels`` beyond which a frame that may wait does so, for a moment."""
 _SHORT_WAIT = 0.015
 """Seconds."""
+_CLOSER = 2
+"""Renders of its own, at most, that a frame may wait for before it is lost."""
+_NEARLY = 0.3
+"""Correlation with the map above which an alignment may have ended near the pose."""
 _NEWEST = 0.2
 """Weight of the last frame's time in their running mean."""
 
@@ -130,23 +134,60 @@ class Course:
 
     def _aligned(self, frame: Frame, expected: Prediction) -> tuple[Followed, Float64Array] | str:
         """The frame aligned, and its covariance; or why it cannot be trusted."""
-        settings, trust = self._settings, self._settings.trust
         anchor = self._anchor_for(expected, frame)
-        reason = None
+        reason, nearly = None, None
         for wide in (False, True):
-            found = follow(frame, anchor, expected, self._light, settings, wide)
-            if isinstance(found, str):
-                reason = reason or found
-                continue
-            doubt = doubt_about_picture(found, trust, wide or self._lost > 0)
-            if doubt is None:
-                covariance = self._judge.covariance(found, frame)
-                doubt = doubt_about_sigmas(covariance, anchor, trust, self._localizer.map.frame)
-                if doubt is None:
-                    return found, covariance
-            reason = reason or doubt
+            found = follow(frame, anchor, expected, self._light, self._settings, wide)
+            outcome = self._judged(found, frame, wide or self._lost > 0)
+            if not isinstance(outcome, str):
+                return outcome
+            reason = reason or outcome
+            nearly = _more_alike(nearly, found)
         assert reason is not None
-        return reason
+        closer = self._aligned_closer(frame, expected, nearly) if self._settings.wait else None
+        return reason if closer is None else closer
+
+    def _aligned_closer(
+        self, frame: Frame, expected: Prediction, nearly: Followed | None
+    ) -> tuple[Followed, Float64Array] | None:
+        """The frame aligned with a render from where the last alignment ended, or from where the
+        camera is expected; None where that does not help either.
+
+        A blurred frame far from its anchor comes near its pose, but slowly; and the gradients of
+        two pictures that are a few pixels apart have nothing in common.
+        """
+        for _ in range(_CLOSER):
+            like = nearly is not None and nearly.agreement.correlation >= _NEARLY
+            if nearly is not None and like:
+                pose = nearly.cam_from_world
+            elif nearest(self._anchors, expected.cam_from_world)[1] > self._settings.anchor_pixels:
+                pose = expected.cam_from_world
+            else:
+                return None
+            self._next.forget()
+            self._ask(pose, frame)
+            self._take_anchor(frame.index, patience=None)
+            anchor = nearest(self._anchors, pose)[0]
+            found = follow(frame, anchor, expected, self._light, self._settings, begin_at=pose)
+            outcome = self._judged(found, frame, True)
+            if not isinstance(outcome, str):
+                return outcome
+            nearly = found if isinstance(found, Followed) else None
+        return None
+
+    def _judged(
+        self, found: Followed | str, frame: Frame, sure: bool
+    ) -> tuple[Followed, Float64Array] | str:
+        """An alignment and its covariance, or why it cannot be trusted."""
+        trust = self._settings.trust
+        if isinstance(found, str):
+            return found
+        doubt = doubt_about_picture(found, trust, sure)
+        if doubt is not None:
+            return doubt
+        covariance = self._judge.covariance(found, frame)
+        doubt = doubt_about_sigmas(covariance, found.anchor, trust, self._localizer.map.frame)
+        return (found, covariance) if doubt is None else doubt
 
     def _accept(self, followed: Followed, frame: Frame, elapsed: float) -> TrackingStatus:
         """Goes on from this frame, and asks for the next anchor if it is time."""
@@ -216,3 +257,12 @@ class Course:
     def close(self) -> None:
         self._next.close()
         self._check.close()
+
+
+def _more_alike(nearly: Followed | None, found: Followed | str) -> Followed | None:
+    """Of two alignments, the one whose frame looks more like the map; None if both failed."""
+    if isinstance(found, str):
+        return nearly
+    if nearly is None or found.agreement.correlation > nearly.agreement.correlation:
+        return found
+    return nearly

@@ -82,7 +82,7 @@ class TrackingSettings:
     patience: int = 3
     kept_frames: int = 60
     solver: LucasKanadeSettings = field(
-        default_factory=lambda: LucasKanadeSettings(max_iterations=20, converged_pixels=0.03)
+        default_factory=lambda: LucasKanadeSettings(max_iterations=40, converged_pixels=0.03)
     )
     visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
