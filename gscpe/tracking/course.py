@@ -13,6 +13,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.localization import LocalizationResult, Localizer
 from gscpe.tracking.anchors import Anchor, make_anchor, nearest
 from gscpe.tracking.background import Errand
+from gscpe.tracking.between import aligned_between
 from gscpe.tracking.carry import Carried
 from gscpe.tracking.check import Check
 from gscpe.tracking.follow import (
@@ -120,6 +121,7 @@ class Course:
                 self.state = None
             return lost(outcome)
         followed, covariance = outcome
+        followed = aligned_between(followed, frame, self._anchors)
         status = self._accept(followed, frame, elapsed)
         self._check.begin(frame, image, camera, followed, covariance)
         return TrackingResult(
