@@ -17,28 +17,30 @@ from gscpe.refinement.lucas_kanade import align
 from gscpe.tracking.anchors import Anchor
 from gscpe.tracking.follow import Followed
 from gscpe.tracking.frames import Frame
+from gscpe.tracking.settings import TrackingSettings
 
-_NEAR = 5.0
-"""Pixels from an anchor within which another has nothing to add."""
-_FAR = 45.0
-"""Pixels beyond which an anchor has nothing to add, and ..."""
+_NEAR = 0.75
+"""Times ``anchor_pixels`` from an anchor within which another has nothing to add."""
 _FARTHER = 4.0
-"""... times that it may be farther than the other one."""
+"""Times farther than the nearest anchor at which another has nothing to add."""
 _ELSEWHERE = 1.0
 """Pixels by which the two may differ."""
 
 
-def aligned_between(followed: Followed, frame: Frame, anchors: list[Anchor]) -> Followed:
+def aligned_between(
+    followed: Followed, frame: Frame, anchors: list[Anchor], settings: TrackingSettings
+) -> Followed:
     """The frame aligned with another anchor too, if there is one that adds something.
 
     Args:
         followed: as it was aligned with the nearest anchor.
         frame: the frame.
         anchors: all that there are.
+        settings: of the tracker.
     """
     pose = followed.cam_from_world
     distance = followed.anchor.pixels_to(pose)
-    if distance <= _NEAR:
+    if distance <= _NEAR * settings.anchor_pixels:
         return followed
     others = [
         (anchor.pixels_to(pose), anchor) for anchor in anchors if anchor is not followed.anchor
@@ -46,7 +48,7 @@ def aligned_between(followed: Followed, frame: Frame, anchors: list[Anchor]) -> 
     if not others:
         return followed
     farther, other = min(others, key=lambda pair: pair[0])
-    if farther > min(_FAR, _FARTHER * distance):
+    if farther > min(settings.farthest_pixels, _FARTHER * distance):
         return followed
     alignment = align(
         other.template,

@@ -73,12 +73,12 @@ class TrackingSettings:
     wait: bool = False
     scale: float = 1.0
     levels: int = 4
-    template_pixels: int = 20_000
+    template_pixels: int = 30_000
     coarse_pixels: int = 5_000
     judged_pixels: int = 20_000
-    anchor_pixels: float = 8.0
+    anchor_pixels: float = 6.0
     farthest_pixels: float = 40.0
-    anchors: int = 3
+    anchors: int = 4
     patience: int = 3
     kept_frames: int = 60
     solver: LucasKanadeSettings = field(
