@@ -146,25 +146,29 @@ class Course:
             reason = reason or outcome
             nearly = _more_alike(nearly, found)
         assert reason is not None
-        closer = self._aligned_closer(frame, expected, nearly) if self._settings.wait else None
+        closer = self._aligned_closer(frame, expected, nearly)
         return reason if closer is None else closer
 
     def _aligned_closer(
         self, frame: Frame, expected: Prediction, nearly: Followed | None
     ) -> tuple[Followed, Float64Array] | None:
         """The frame aligned with a render from where the last alignment ended, or from where the
-        camera is expected; None where that does not help either.
+        camera is expected; None where that does not help either. A frame that may not wait leaves
+        the render to those that follow.
 
         A blurred frame far from its anchor comes near its pose, but slowly; and the gradients of
         two pictures that are a few pixels apart have nothing in common.
         """
         for _ in range(_CLOSER):
-            like = nearly is not None and nearly.agreement.correlation >= _NEARLY
-            if nearly is not None and like:
+            if nearly is not None and nearly.agreement.correlation >= _NEARLY:
                 pose = nearly.cam_from_world
             elif nearest(self._anchors, expected.cam_from_world)[1] > self._settings.anchor_pixels:
                 pose = expected.cam_from_world
             else:
+                return None
+            if not self._settings.wait:
+                if not self._next.under_way:
+                    self._ask(pose, frame)
                 return None
             self._next.forget()
             self._ask(pose, frame)
@@ -174,7 +178,7 @@ class Course:
             outcome = self._judged(found, frame, True)
             if not isinstance(outcome, str):
                 return outcome
-            nearly = found if isinstance(found, Followed) else None
+            nearly = None if isinstance(found, str) else found
         return None
 
     def _judged(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from dataclasses import replace
@@ -37,6 +38,8 @@ from gscpe.errors import (
 )
 from gscpe.evaluation import normalized_error_squared
 from gscpe.geometry import se3
+from gscpe.refinement import LucasKanadeSettings
+from gscpe.tracking.anchors import Anchor
 
 WAITS = TrackingSettings(wait=True)
 
@@ -201,6 +204,46 @@ def test_no_frame_waits_for_the_localizer_unless_told_to(localizer: Localizer) -
         assert result.status == "relocalized", result.reason
         right(result, pose(9))
         assert tracker.track(picture(10), CAMERA).status == "tracking"
+
+
+SLOW = LucasKanadeSettings(max_iterations=1, converged_pixels=0.03)
+"""One step is too few for an alignment that begins a dozen pixels away, not for one near by."""
+
+
+def test_a_frame_that_may_wait_gets_a_render_of_its_own(localizer: Localizer) -> None:
+    """A camera that jerks: the alignment ends near the pose, but does not converge."""
+    settings = TrackingSettings(wait=True, farthest_pixels=100.0, solver=SLOW)
+    with Tracker(localizer, settings) as tracker:
+        tracker.track(picture(0), CAMERA)
+        result = tracker.track(picture(9), CAMERA)
+    assert result.status == "tracking", result.reason
+    assert result.anchor_age == 0
+    right(result, pose(9))
+
+
+def test_a_frame_that_may_not_wait_leaves_the_render_to_the_next(localizer: Localizer) -> None:
+    """Without the localizer."""
+    settings = TrackingSettings(solver=SLOW, patience=10_000)
+    with Tracker(localizer, settings) as tracker:
+        assert until_found(tracker, 0).status == "relocalized"
+        assert tracker.track(picture(0), CAMERA).status == "tracking"
+        assert tracker.track(picture(9), CAMERA).status == "lost"
+        right(until_found(tracker, 9), pose(9))
+
+
+def test_anchors_do_not_pile_up(localizer: Localizer) -> None:
+    settings = TrackingSettings(wait=True, anchor_pixels=1.0, farthest_pixels=1.0, anchors=2)
+    there_and_back = [*range(6), *range(4, 0, -1)] * 4
+    asked = set()
+    with Tracker(localizer, settings) as tracker:
+        for number, index in enumerate(there_and_back):
+            result = tracker.track(picture(index), CAMERA)
+            asked.add(number - (result.anchor_age or 0))
+        gc.collect()
+        alive = sum(isinstance(thing, Anchor) for thing in gc.get_objects())
+    assert len(asked) > 10
+    # Two that are kept, one of the last frame that was judged, one that is on its way.
+    assert alive <= 4
 
 
 def test_matches_end_a_wrong_pose(localizer: Localizer, monkeypatch: pytest.MonkeyPatch) -> None:
