@@ -66,6 +66,7 @@ class Course:
         self._judge = Judge(settings)
         self._light = 1.0, 0.0
         self._lost = 0
+        self._elsewhere = False
         self._found_anew = False
         self._lead = _FIRST_LEAD
         self._interval: float | None = None
@@ -77,8 +78,10 @@ class Course:
 
     @property
     def wants_search(self) -> bool:
-        """Whether the localizer should look for the camera."""
-        return self.state is None or self._lost >= self._settings.patience
+        """Whether the localizer should look for the camera: after some patience, and at once where
+        a frame that may wait looks like another place, as after a jump."""
+        patience = 1 if self._settings.wait and self._elsewhere else self._settings.patience
+        return self.state is None or self._lost >= patience
 
     def begin(self, found: Carried) -> None:
         """A camera that was found at the frame before the next one."""
@@ -111,6 +114,7 @@ class Course:
         if len(frame.levels) != len(self._anchors[0].prepared.levels):
             self.state = None
             return lost("the frames have another size than before")
+        self._elsewhere = False
         elapsed = frame.time - self.state.time
         expected = self.state.predicted(frame.time, frame.motion)
         outcome = frame.trouble() or self._aligned(frame, expected)
@@ -147,7 +151,11 @@ class Course:
             nearly = _more_alike(nearly, found)
         assert reason is not None
         closer = self._aligned_closer(frame, expected, nearly)
-        return reason if closer is None else closer
+        if closer is not None:
+            return closer
+        least = self._settings.trust.min_agreement
+        self._elsewhere = nearly is None or not nearly.agreement.correlation >= least
+        return reason
 
     def _aligned_closer(
         self, frame: Frame, expected: Prediction, nearly: Followed | None

@@ -62,7 +62,8 @@ class TrackingSettings:
             all anchors (root mean square).
         farthest_pixels: beyond this, a frame waits for the next anchor if it may wait.
         anchors: so many are kept, for cameras that turn back.
-        patience: frames without a pose until the localizer is asked.
+        patience: frames without a pose until the localizer is asked; with ``wait``, it is asked at
+            once for a frame that does not look like the map.
         kept_frames: frames that are kept while it works, to carry its answer forward.
         solver: at each level; ``max_template_pixels`` is replaced by the pixels above.
         visibility: mask of the anchors.

@@ -180,15 +180,16 @@ def test_a_fifth_covered_is_still_followed(tracker: Tracker) -> None:
 
 
 def test_a_jump_is_found_with_the_localizer(localizer: Localizer) -> None:
-    """Further than an alignment reaches: the camera is rolled by 45 degrees."""
+    """Further than an alignment reaches, the camera rolled by 45 degrees. It looks like another
+    place, so that the localizer is asked at once, without patience."""
     rolled = se3.exp([0, 0, 0, 0, 0, 0.8]) @ pose(3)
     image = room().shoot(CAMERA, rolled).uint8
-    with Tracker(localizer, TrackingSettings(wait=True, patience=2)) as tracker:
+    with Tracker(localizer, TrackingSettings(wait=True, patience=100)) as tracker:
         for index in range(3):
             tracker.track(picture(index), CAMERA)
         results = [tracker.track(image, CAMERA) for _ in range(3)]
-    assert [result.status for result in results] == ["lost", "relocalized", "tracking"]
-    for result in results[1:]:
+    assert [result.status for result in results] == ["relocalized", "tracking", "tracking"]
+    for result in results:
         right(result, rolled)
 
 
