@@ -6,11 +6,11 @@ Each clip has 20 frames in a row. The first frame of each is localized, and is n
 frame times. Decoding is not counted either.
 
 --basin       frames left out between two (1, 2, 5, 10, 20) against success
---robustness  frames replaced by black, blurred, foreign and half-covered ones
+--robustness  frames replaced by black, blurred, foreign and half-covered ones, or some --kinds
 --memory N    N frames, by repeating the clips there and back; prints the memory on the way
 
 Usage: .venv/bin/python tools/bench_tracking.py MAP [--fast] [--plot FILE.png] [--backend NAME]
-           [--clips N] [--basin | --robustness | --memory N]
+           [--clips N] [--basin | --robustness [--kinds KIND ...] | --memory N]
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Sequence
 
 import numpy as np
 from _common import Error, error_of, new_figure, redkitchen, save_figure, table
-from tracking_disturbed import disturb
+from tracking_disturbed import ALL_KINDS, disturb
 
 from gscpe import (
     Camera,
@@ -227,6 +227,7 @@ def main() -> int:
     what.add_argument("--basin", action="store_true", help="frames that are left out")
     what.add_argument("--robustness", action="store_true", help="frames that are spoilt")
     what.add_argument("--memory", type=int, metavar="N", help="over so many frames")
+    parser.add_argument("--kinds", nargs="+", choices=ALL_KINDS, help="of spoilt frames")
     options = parser.parse_args()
     clips = read_clips(redkitchen())[: options.clips]
     with Localizer(open_map(options.map), backend=options.backend) as localizer:
@@ -234,7 +235,8 @@ def main() -> int:
         if options.basin:
             measure_basin(localizer, clips, options.plot)
         elif options.robustness:
-            disturb(localizer, [[(v.image, v.camera, v.truth) for v in clip] for clip in clips])
+            views = [[(v.image, v.camera, v.truth) for v in clip] for clip in clips]
+            disturb(localizer, views, options.kinds or ALL_KINDS)
         elif options.memory:
             measure_memory(localizer, clips, options.memory)
         else:

@@ -60,17 +60,18 @@ KINDS: dict[str, Callable[[UInt8Array], UInt8Array]] = {
     "three quarters covered": _hand(0.75),
 }
 
+ALL_KINDS = (*KINDS, "jump to the next clip")
 
-def disturb(localizer: Localizer, clips: Sequence[Clip]) -> None:
+
+def disturb(localizer: Localizer, clips: Sequence[Clip], kinds: Sequence[str] = ALL_KINDS) -> None:
     """Prints, for each kind, what became of the spoilt frames and of those after."""
-    kinds = {**KINDS, "jump to the next clip": None}
     table(
         (
             *("frames 5 to 13", "tracked", "relocalized", "lost"),
             *("worst error of those with a pose", "worst, in deviations"),
             *(f"beyond {_SIGMAS:.0f}", "frames after", "... with a pose"),
         ),
-        (_row(localizer, name, change, clips) for name, change in kinds.items()),
+        (_row(localizer, name, KINDS.get(name), clips) for name in kinds),
     )
 
 

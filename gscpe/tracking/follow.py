@@ -56,6 +56,7 @@ def follow(
     light: tuple[float, float],
     settings: TrackingSettings,
     wide: bool = False,
+    begin_at: Float64Array | None = None,
 ) -> Followed | str:
     """Aligns a frame; a string says why that failed.
 
@@ -66,9 +67,11 @@ def follow(
         light: gain and bias to start from.
         settings: of the tracker.
         wide: begin in the smallest image, from turned cameras too, however sure the expectation.
+        begin_at: (4, 4) ``cam_from_world`` to start from, where that is not what was expected.
     """
     anchor_from_world = anchor.cam_from_world
-    start = expected.cam_from_world @ se3.inverse(anchor_from_world)
+    begin = expected.cam_from_world if begin_at is None else begin_at
+    start = begin @ se3.inverse(anchor_from_world)
     reach = _DEVIATIONS * expected.pixels(anchor.template.motion)
     coarsest = max(1, int(np.ceil(np.log2(max(reach, _BASIN) / _BASIN))))
     found = align_levels(

@@ -62,7 +62,8 @@ class TrackingSettings:
             all anchors (root mean square).
         farthest_pixels: beyond this, a frame waits for the next anchor if it may wait.
         anchors: so many are kept, for cameras that turn back.
-        patience: frames without a pose until the localizer is asked.
+        patience: frames without a pose until the localizer is asked; with ``wait``, it is asked at
+            once for a frame that does not look like the map.
         kept_frames: frames that are kept while it works, to carry its answer forward.
         solver: at each level; ``max_template_pixels`` is replaced by the pixels above.
         visibility: mask of the anchors.
@@ -73,16 +74,16 @@ class TrackingSettings:
     wait: bool = False
     scale: float = 1.0
     levels: int = 4
-    template_pixels: int = 20_000
+    template_pixels: int = 30_000
     coarse_pixels: int = 5_000
     judged_pixels: int = 20_000
-    anchor_pixels: float = 8.0
+    anchor_pixels: float = 6.0
     farthest_pixels: float = 40.0
-    anchors: int = 3
+    anchors: int = 4
     patience: int = 3
     kept_frames: int = 60
     solver: LucasKanadeSettings = field(
-        default_factory=lambda: LucasKanadeSettings(max_iterations=20, converged_pixels=0.03)
+        default_factory=lambda: LucasKanadeSettings(max_iterations=40, converged_pixels=0.03)
     )
     visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from dataclasses import replace
@@ -37,6 +38,8 @@ from gscpe.errors import (
 )
 from gscpe.evaluation import normalized_error_squared
 from gscpe.geometry import se3
+from gscpe.refinement import LucasKanadeSettings
+from gscpe.tracking.anchors import Anchor
 
 WAITS = TrackingSettings(wait=True)
 
@@ -177,15 +180,16 @@ def test_a_fifth_covered_is_still_followed(tracker: Tracker) -> None:
 
 
 def test_a_jump_is_found_with_the_localizer(localizer: Localizer) -> None:
-    """Further than an alignment reaches: the camera is rolled by 45 degrees."""
+    """Further than an alignment reaches, the camera rolled by 45 degrees. It looks like another
+    place, so that the localizer is asked at once, without patience."""
     rolled = se3.exp([0, 0, 0, 0, 0, 0.8]) @ pose(3)
     image = room().shoot(CAMERA, rolled).uint8
-    with Tracker(localizer, TrackingSettings(wait=True, patience=2)) as tracker:
+    with Tracker(localizer, TrackingSettings(wait=True, patience=100)) as tracker:
         for index in range(3):
             tracker.track(picture(index), CAMERA)
         results = [tracker.track(image, CAMERA) for _ in range(3)]
-    assert [result.status for result in results] == ["lost", "relocalized", "tracking"]
-    for result in results[1:]:
+    assert [result.status for result in results] == ["relocalized", "tracking", "tracking"]
+    for result in results:
         right(result, rolled)
 
 
@@ -201,6 +205,46 @@ def test_no_frame_waits_for_the_localizer_unless_told_to(localizer: Localizer) -
         assert result.status == "relocalized", result.reason
         right(result, pose(9))
         assert tracker.track(picture(10), CAMERA).status == "tracking"
+
+
+SLOW = LucasKanadeSettings(max_iterations=1, converged_pixels=0.03)
+"""One step is too few for an alignment that begins a dozen pixels away, not for one near by."""
+
+
+def test_a_frame_that_may_wait_gets_a_render_of_its_own(localizer: Localizer) -> None:
+    """A camera that jerks: the alignment ends near the pose, but does not converge."""
+    settings = TrackingSettings(wait=True, farthest_pixels=100.0, solver=SLOW)
+    with Tracker(localizer, settings) as tracker:
+        tracker.track(picture(0), CAMERA)
+        result = tracker.track(picture(9), CAMERA)
+    assert result.status == "tracking", result.reason
+    assert result.anchor_age == 0
+    right(result, pose(9))
+
+
+def test_a_frame_that_may_not_wait_leaves_the_render_to_the_next(localizer: Localizer) -> None:
+    """Without the localizer."""
+    settings = TrackingSettings(solver=SLOW, patience=10_000)
+    with Tracker(localizer, settings) as tracker:
+        assert until_found(tracker, 0).status == "relocalized"
+        assert tracker.track(picture(0), CAMERA).status == "tracking"
+        assert tracker.track(picture(9), CAMERA).status == "lost"
+        right(until_found(tracker, 9), pose(9))
+
+
+def test_anchors_do_not_pile_up(localizer: Localizer) -> None:
+    settings = TrackingSettings(wait=True, anchor_pixels=1.0, farthest_pixels=1.0, anchors=2)
+    there_and_back = [*range(6), *range(4, 0, -1)] * 4
+    asked = set()
+    with Tracker(localizer, settings) as tracker:
+        for number, index in enumerate(there_and_back):
+            result = tracker.track(picture(index), CAMERA)
+            asked.add(number - (result.anchor_age or 0))
+        gc.collect()
+        alive = sum(isinstance(thing, Anchor) for thing in gc.get_objects())
+    assert len(asked) > 10
+    # Two that are kept, one of the last frame that was judged, one that is on its way.
+    assert alive <= 4
 
 
 def test_matches_end_a_wrong_pose(localizer: Localizer, monkeypatch: pytest.MonkeyPatch) -> None:
