@@ -77,6 +77,8 @@ from gscpe.mapping import (
     with_fitting_axes,
 )
 from gscpe.matching import Matcher, Matches, make_matcher
+from gscpe.photos import Photo, camera_from_exif, read_image, to_photo, write_image
+from gscpe.poses import PoseFile, read_pose_file, write_pose_file
 from gscpe.refinement import (
     Alignment,
     ClippingSettings,
@@ -93,25 +95,17 @@ from gscpe.render import RenderedView, Renderer, Renders
 from gscpe.retrieval import IndexSettings
 from gscpe.scene import (
     DescriberModel,
-    GaussianScene,
     GlobalDescriptors,
     Map,
     MapFrame,
-    Photo,
     References,
-    camera_from_exif,
     open_map,
-    read_image,
-    read_splat,
     save_map,
-    to_photo,
-    write_image,
-    write_splat,
 )
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.moved import move_references, move_scene
-from gscpe.scene.poses import PoseFile, read_pose_file, write_pose_file
 from gscpe.scene.query_list import Query, read_query_list
+from gscpe.splats import GaussianScene, read_splat, write_splat
 from gscpe.viewpoints import Viewpoints, ViewpointSettings, find_viewpoints
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.batch import Crew, Instructions, make_crew
 from gscpe.geometry import se3
-from gscpe.scene import save_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import save_map
 from gscpe.scene.query_list import Query
 
 CAMERA = room_camera(240, 180)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gscpe.geometry import Camera
-from gscpe.scene import GaussianScene, GlobalDescriptors, Map, References
+from gscpe.scene import GlobalDescriptors, Map, References
+from gscpe.splats import GaussianScene
 
 
 def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gscpe.geometry import Camera
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from gscpe import Localizer
 from gscpe.batch import localize_list
 from gscpe.evaluation import SceneRun
 from gscpe.geometry import se3
-from gscpe.scene import write_image
+from gscpe.photos import write_image
 from gscpe.scene.query_list import Query
 
 CAMERA = room_camera(240, 180)

@@ -22,10 +22,11 @@ from scipy.spatial.transform import Rotation
 from gscpe.geometry import Camera, se3
 from gscpe.geometry.projection import pixel_centres
 from gscpe.mapping import map_from_rgbd
+from gscpe.poses.hloc import format_pose
 from gscpe.render import RenderedView
-from gscpe.scene import GaussianScene, Map
-from gscpe.scene.gaussians import SH_C0, joined
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.scene import Map
+from gscpe.splats import GaussianScene
+from gscpe.splats.gaussians import SH_C0, joined
 
 _TEXELS = 256
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, room_camera
 
 from gscpe.geometry import se3
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.poses.hloc import format_pose
 from gscpe.sequences import Frame
 from gscpe.tracking import TrackingResult
 from gscpe.tracking.result import lost

@@ -15,8 +15,8 @@ from tqdm import tqdm
 from gscpe import Localizer, read_image
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.geometry import pose_difference
-from gscpe.scene import Photo, to_photo
-from gscpe.scene.poses import read_pose_file
+from gscpe.photos import Photo, to_photo
+from gscpe.poses import read_pose_file
 from gscpe.scene.query_list import Query, read_query_list
 
 _T = TypeVar("_T")

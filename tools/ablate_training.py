@@ -41,8 +41,9 @@ from gscpe.evaluation.table import Table, to_json, to_latex, to_markdown, to_tex
 from gscpe.evaluation.text import number_text, share_text
 from gscpe.making.certificate import Certificate, certify
 from gscpe.making.settings import CertificateSettings
-from gscpe.scene import Map, write_splat
-from gscpe.scene.photo import resized_photo
+from gscpe.photos.photo import resized_photo
+from gscpe.scene import Map
+from gscpe.splats import write_splat
 from gscpe.training import ProgressBar, TrainingSettings, train
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import ColmapModelError
 from gscpe.mapping.reference_photos import at_most, reference_image, reference_photo
+from gscpe.photos import Photo, write_image
+from gscpe.photos.photo import LazyPhotos
+from gscpe.poses import read_pose_file, write_colmap_folder
 from gscpe.retrieval import describe_references
-from gscpe.scene import GlobalDescriptors, Photo, References, write_image
+from gscpe.scene import GlobalDescriptors, References
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.photo import LazyPhotos
-from gscpe.scene.poses import read_pose_file, write_colmap_folder
 from gscpe.scene.query_list import read_query_list
 from gscpe.training import PointCloud, read_colmap_points, triangulated_points
 

@@ -22,13 +22,13 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array
 from gscpe.geometry import pose_difference, se3
+from gscpe.photos import Photo, luminance
 from gscpe.refinement import RefinementObserver, RefinementSettings
 from gscpe.refinement.lucas_kanade import Template, build_template, warp
 from gscpe.refinement.pyramid import ImageLevel, anchor_pyramid, photo_pyramid
 from gscpe.refinement.sampling import corners
 from gscpe.refinement.visibility import visibility_mask
 from gscpe.render import Renders
-from gscpe.scene import Photo, luminance
 
 _REDONE_METRES, _REDONE_DEGREES = 0.005, 0.5
 """The paper's thresholds of a new render: 0.5 (no unit given, taken as cm) and 0.5 degrees."""

@@ -29,7 +29,7 @@ from _common import read_queries, redkitchen, table
 from gscpe.batch import Crew, Instructions, make_crew
 from gscpe.cores import available_cores
 from gscpe.geometry import pose_difference
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query
 
 

@@ -26,10 +26,10 @@ from gscpe import Camera, GaussianScene, Localizer, open_map, read_image
 from gscpe.arrays import Float64Array
 from gscpe.errors import MissingDependencyError, RenderError
 from gscpe.geometry import pose_difference
+from gscpe.poses.hloc import read_poses
 from gscpe.render.cpu_rasterizer import CpuRasterizer
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.visibility_order import VisibilityOrder
-from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
 
 CAMERA = Camera.pinhole(640, 480, fx=525.505, fy=525.505, cx=320.0, cy=240.0)

@@ -21,9 +21,10 @@ from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.mapping import FrameCheckSettings, measure_misfit
 from gscpe.mapping.frame_candidates import nerfstudio_normalization
-from gscpe.scene import GaussianScene, References, read_splat
+from gscpe.scene import References
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.moved import move_references, move_scene
+from gscpe.splats import GaussianScene, read_splat
 
 _HEADER = "| model moved by | | scale (true) | cameras away | turned | left after the fit |"
 

@@ -41,6 +41,7 @@ from gscpe.features import XFeat
 from gscpe.geometry import Camera, pose_difference
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import inverse
+from gscpe.photos import read_image, to_uint8
 from gscpe.render import Renderer
 from gscpe.retrieval import (
     IndexSettings,
@@ -54,8 +55,8 @@ from gscpe.retrieval import (
     search,
     xfeat,
 )
-from gscpe.scene import read_image, read_splat, to_uint8
 from gscpe.scene.colmap_model import read_colmap_references
+from gscpe.splats import read_splat
 
 NEAR, NEAR_DEGREES, OVERLAP = 1.0, 30.0, 0.5
 GRID = (64, 48)

@@ -37,7 +37,7 @@ from gscpe import (
     read_image,
 )
 from gscpe.arrays import Float64Array, UInt8Array
-from gscpe.scene.poses import read_pose_file
+from gscpe.poses import read_pose_file
 from gscpe.scene.query_list import read_query_list
 
 CLIP = 20

@@ -35,12 +35,12 @@ from gscpe import GaussianScene, Renderer, read_splat
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
+from gscpe.photos import Photo, read_image, to_photo
+from gscpe.poses.hloc import read_poses
 from gscpe.render.kernel_threads import KernelThreads
-from gscpe.scene import Photo, read_image, to_photo
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.gaussians import SH_C0
-from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import read_query_list
+from gscpe.splats.gaussians import SH_C0
 from gscpe.training import Progress, train
 from gscpe.training.checkpoint import TrainingState
 from gscpe.training.evaluation import likeness

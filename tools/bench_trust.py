@@ -45,7 +45,7 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization.verification import focal_contradiction, inlier_spread, worst_sigmas
-from gscpe.scene.poses import read_pose_file
+from gscpe.poses import read_pose_file
 from gscpe.scene.query_list import Query, read_query_list
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)

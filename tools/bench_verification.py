@@ -34,9 +34,10 @@ from gscpe.arrays import Float64Array
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization import Attempt, VerificationSettings
 from gscpe.localization.verification import compare_stages, inlier_spread
+from gscpe.photos import to_photo
+from gscpe.poses import read_pose_file
 from gscpe.refinement import RefinementResult, refine_pose
-from gscpe.scene import MapFrame, to_photo
-from gscpe.scene.poses import read_pose_file
+from gscpe.scene import MapFrame
 
 NO_THRESHOLDS = VerificationSettings(
     min_inliers=0,

@@ -14,9 +14,9 @@ from adam_baseline import AdamSettings, refine_by_adam
 from gscpe import Camera, LocalizationResult, Localizer
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.geometry import se3
+from gscpe.photos import Photo
 from gscpe.refinement import RefinementObserver, RefinementSettings, refine_pose
 from gscpe.render import RenderedView, Renders
-from gscpe.scene import Photo
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ import gscpe
 OUTPUT = Path(__file__).resolve().parents[1] / "docs" / "api.md"
 
 # What a program meets first comes first; rooms that are not here come after, by name.
-_FIRST = ("localization", "scene", "mapping", "geometry", "render", "matching")
+_FIRST = ("localization", "photos", "splats", "scene", "mapping", "geometry", "render", "matching")
 _LAST = ("datasets", "benchmark", "evaluation", "report", "errors")
 _SECTION = re.compile(r"(Args|Attributes|Raises|Returns|Yields):")
 _ENTRY = re.compile(r"([\w*][\w*, ]*?): +(\S.*)")

@@ -14,8 +14,8 @@ from gscpe.batch.shelf import Shelf
 from gscpe.closing import Closing
 from gscpe.errors import MapError
 from gscpe.localization import Observer
+from gscpe.photos.image_array import check_image
 from gscpe.retrieval.several import SeveralDescribers
-from gscpe.scene.image_array import check_image
 from gscpe.scene.map_folder import open_references
 
 MAPS_TRIED = 3

@@ -13,7 +13,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError
 from gscpe.localization import Attempt, LocalizationResult
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.poses.hloc import format_pose
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)

@@ -13,8 +13,8 @@ from gscpe.errors import CameraError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.localization import LocalizationResult, Localizer, Observer, PosePrior
-from gscpe.scene.exif import exif_camera
-from gscpe.scene.image_file import decode_image, decode_image_of
+from gscpe.photos.exif import exif_camera
+from gscpe.photos.image_file import decode_image, decode_image_of
 from gscpe.scene.query_list import Query
 
 _NO_CAMERA = Camera.pinhole(1, 1, fx=1.0, fy=1.0, cx=0.5, cy=0.5)

@@ -9,7 +9,7 @@ from typing import Mapping, Sequence
 
 from gscpe.errors import PoseError
 from gscpe.localization import PosePrior
-from gscpe.scene.poses import read_pose_file
+from gscpe.poses import read_pose_file
 from gscpe.scene.query_list import Query
 
 

@@ -14,7 +14,7 @@ from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.record import Told, localize_with
 from gscpe.errors import OutputError
-from gscpe.scene.photo_name import quoted_name
+from gscpe.photos.photo_name import quoted_name
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)

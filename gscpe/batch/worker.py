@@ -19,7 +19,8 @@ from gscpe.closing import Closing
 from gscpe.cores import VARIABLE
 from gscpe.errors import InputError, MapError, ran_out_of_memory
 from gscpe.localization import Localizer, PosePrior
-from gscpe.scene import open_map, read_image_of
+from gscpe.photos import read_image_of
+from gscpe.scene import open_map
 from gscpe.scene.query_list import Query
 
 _VARIABLES = (

@@ -13,9 +13,10 @@ from gscpe.datasets import Dataset
 from gscpe.errors import OutputError, SplatError
 from gscpe.mapping import MapSettings, build_map, check_frames, check_map, with_fitting_axes
 from gscpe.retrieval import check_method
-from gscpe.scene import open_map, read_splat, save_map
+from gscpe.scene import open_map, save_map
 from gscpe.scene.map_folder import check_map_output
-from gscpe.scene.splat_kind import may_have_other_axes
+from gscpe.splats import read_splat
+from gscpe.splats.splat_kind import may_have_other_axes
 
 _log = logging.getLogger(__name__)
 

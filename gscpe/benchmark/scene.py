@@ -25,9 +25,9 @@ from gscpe.datasets import Dataset
 from gscpe.evaluation import SceneRun
 from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.matching import make_matcher, matcher_name
+from gscpe.poses import write_pose_file
 from gscpe.report import write_report
 from gscpe.scene import open_map
-from gscpe.scene.poses import write_pose_file
 from gscpe.scene.query_list import Query
 
 

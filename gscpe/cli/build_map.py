@@ -24,11 +24,12 @@ from gscpe.mapping import (
     with_fitting_axes,
 )
 from gscpe.retrieval import METHODS, check_method
-from gscpe.scene import GaussianScene, References, open_map, read_splat, save_map
+from gscpe.scene import References, open_map, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.moved import move_references, move_scene
-from gscpe.scene.splat_kind import may_have_other_axes
+from gscpe.splats import GaussianScene, read_splat
+from gscpe.splats.splat_kind import may_have_other_axes
 from gscpe.viewpoints import ViewpointSettings, find_viewpoints
 
 _NOT_GOOD = 4

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gscpe.cli.common import Commands
 from gscpe.errors import OutputError
-from gscpe.scene.poses import (
+from gscpe.poses import (
     POSE_FORMATS,
     complete_text_model,
     format_of_path,

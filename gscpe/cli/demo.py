@@ -9,7 +9,7 @@ from typing import Any
 from gscpe.cli.common import Commands, add_backend, add_matcher, print_json, show_progress
 from gscpe.demo import DemoReport, run_demo
 from gscpe.geometry.pose_error import PoseDifference
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.poses.hloc import format_pose
 
 
 def add_parser(commands: Commands) -> None:

@@ -19,7 +19,7 @@ from gscpe.render import RenderedView, Renderer, choose_backend, driver_info
 from gscpe.render.context import opengl_facts
 from gscpe.render.cpu_rasterizer import kept_in
 from gscpe.render.diagnosis import OpenGLFacts, findings
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 _REQUIRED = (
     *("numpy", "scipy", "opencv-contrib-python-headless"),

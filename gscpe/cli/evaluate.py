@@ -12,8 +12,8 @@ from gscpe.arrays import Float64Array
 from gscpe.cli.common import Commands, print_json
 from gscpe.errors import SettingsError
 from gscpe.evaluation import THRESHOLDS, Evaluation, Explanation, evaluate, explain_errors
-from gscpe.scene.photo_name import with_slashes
-from gscpe.scene.poses import PoseFile, poses_by_name, read_pose_file
+from gscpe.photos.photo_name import with_slashes
+from gscpe.poses import PoseFile, poses_by_name, read_pose_file
 
 _CHANGES = {
     "quaternion": "with the quaternion's real part taken from the end (x y z w)",

@@ -91,7 +91,7 @@ def known_poses(options: argparse.Namespace) -> KnownPoses | None:
         raise InputError("photos with known poses are given as one folder")
     if options.colmap is not None:
         return KnownPoses(folder, Path(options.colmap), metres_per_unit=unit)
-    from gscpe.scene.poses import read_pose_file
+    from gscpe.poses import read_pose_file
     from gscpe.scene.query_list import read_query_list
 
     cameras = {q.name: q.camera for q in read_query_list(options.cameras, image_folder=folder)}

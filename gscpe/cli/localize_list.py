@@ -28,8 +28,9 @@ from gscpe.cli.page import live_page, stay_after
 from gscpe.errors import OutputError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import LocalizerSettings, PosePrior
+from gscpe.photos import read_image_of, write_image
 from gscpe.report.comparison import compare, strip_path
-from gscpe.scene import open_map, read_image_of, write_image
+from gscpe.scene import open_map
 from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 
 

@@ -14,10 +14,11 @@ from gscpe.cli.page import live_page, stay_after
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer, LocalizerSettings, PosePrior
 from gscpe.localization.result import deviations_text
+from gscpe.photos import write_image
+from gscpe.photos.image_file import photo_bytes
+from gscpe.poses.hloc import parse_pose
 from gscpe.report.comparison import compare, strip_path
-from gscpe.scene import open_map, write_image
-from gscpe.scene.image_file import photo_bytes
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.scene import open_map
 
 
 def localize_photo(options: argparse.Namespace) -> int:

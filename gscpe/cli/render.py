@@ -13,10 +13,11 @@ from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, show_progress
 from gscpe.errors import CameraError, OutputError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.border import view_in_world
+from gscpe.photos import write_image
+from gscpe.poses.hloc import parse_pose
 from gscpe.render import Renderer
 from gscpe.render.pictures import depth_picture
-from gscpe.scene import open_map, write_image
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.scene import open_map
 
 
 def add_parser(commands: Commands) -> None:

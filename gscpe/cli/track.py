@@ -21,8 +21,8 @@ from gscpe.cli.streams import say
 from gscpe.errors import GscpeError, OutputError, SequenceError
 from gscpe.following import Observes, Odometry, Overlay, Tally, TrackFiles, follow, read_odometry
 from gscpe.localization import Localizer, LocalizerSettings
+from gscpe.poses.hloc import parse_pose
 from gscpe.scene import open_map
-from gscpe.scene.poses.hloc import parse_pose
 from gscpe.sequences import Frames, open_frames, read_camera
 from gscpe.tracking import Motion, Tracker, TrackingSettings
 

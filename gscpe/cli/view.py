@@ -10,7 +10,8 @@ from gscpe.batch import check_outputs, named_maps
 from gscpe.cli.common import Commands, add_backend
 from gscpe.cli.page import add_page, check_page, open_page, page_settings, stay
 from gscpe.errors import OutputError
-from gscpe.scene import open_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import open_map
 
 
 def add_parser(commands: Commands) -> None:

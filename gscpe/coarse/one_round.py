@@ -16,8 +16,8 @@ from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.matching import Matcher, Matches
+from gscpe.photos import to_uint8
 from gscpe.render import RenderedView
-from gscpe.scene import to_uint8
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from gscpe.datasets.files import read_lines
 from gscpe.datasets.photos import check_sizes, photos_on_disk
 from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import DatasetError, SettingsError
+from gscpe.photos.photo_name import with_slashes
+from gscpe.poses.hloc import read_poses
 from gscpe.scene import References
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.photo_name import with_slashes
-from gscpe.scene.poses.hloc import read_poses
 from gscpe.scene.query_list import Query, fit_queries, read_query_list
 
 NAME = "COLMAP"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
 from gscpe.errors import DatasetError
-from gscpe.scene.text_file import read_text_file
+from gscpe.photos.text_file import read_text_file
 
 
 def missing(path: Path, source: str) -> DatasetError:

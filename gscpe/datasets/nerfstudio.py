@@ -29,7 +29,7 @@ from gscpe.datasets.photos import (
 from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.photo_name import with_slashes
+from gscpe.photos.photo_name import with_slashes
 
 NAME = "nerfstudio"
 SOURCE = "ns-process-data or instant-ngp's colmap2nerf.py"

@@ -10,7 +10,7 @@ from typing import Iterable, Mapping
 
 from gscpe.errors import DatasetError, PhotoError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.photo_size import photo_size
+from gscpe.photos.photo_size import photo_size
 
 _ENDINGS = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 _logger = logging.getLogger(__name__)

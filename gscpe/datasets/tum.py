@@ -13,7 +13,7 @@ from gscpe.arrays import Float64Array
 from gscpe.datasets.files import read_text
 from gscpe.errors import DatasetError, PoseError
 from gscpe.geometry.se3 import from_rotation_translation, inverse
-from gscpe.scene.poses.tum import parse_tum
+from gscpe.poses.tum import parse_tum
 
 LONGEST_GAP_SECONDS = 0.1
 # Stamps are written with six digits.

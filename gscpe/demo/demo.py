@@ -20,9 +20,9 @@ from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.localization import LocalizationResult, Localizer
 from gscpe.mapping import RgbdMapSettings, map_from_rgbd
 from gscpe.matching import make_matcher
+from gscpe.photos import to_uint8, write_image
 from gscpe.render import choose_backend
 from gscpe.render.pictures import Panel, difference_picture, montage
-from gscpe.scene import to_uint8, write_image
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any, Literal, Mapping
 from gscpe.arrays import Float64Array, short_repr
 from gscpe.evaluation.metrics import Evaluation, evaluate
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.poses.hloc import parse_pose
 
 Stage = Literal["coarse", "aligned", "final"]
 

@@ -11,7 +11,7 @@ from gscpe.arrays import Float64Array
 from gscpe.datasets.tum import Trajectory
 from gscpe.errors import PoseError, SettingsError
 from gscpe.geometry import se3
-from gscpe.scene.poses import read_pose_file
+from gscpe.poses import read_pose_file
 from gscpe.tracking import Motion
 
 LONGEST_GAP = 0.5

@@ -12,9 +12,9 @@ from gscpe.batch import keep_a_copy
 from gscpe.closing import Closing
 from gscpe.errors import OutputError
 from gscpe.interrupts import interrupts_later
-from gscpe.scene.photo_name import quoted_name
-from gscpe.scene.poses.hloc import format_pose
-from gscpe.scene.poses.tum import tum_line
+from gscpe.photos.photo_name import quoted_name
+from gscpe.poses.hloc import format_pose
+from gscpe.poses.tum import tum_line
 from gscpe.sequences import Frame
 from gscpe.tracking import TrackingResult
 

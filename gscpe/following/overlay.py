@@ -20,10 +20,10 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.closing import Closing
 from gscpe.errors import OutputError
 from gscpe.localization import Localizer
+from gscpe.photos import to_photo, to_uint8
+from gscpe.photos.image_array import check_image
+from gscpe.photos.photo import resized_photo
 from gscpe.render.pictures import UNSEEN, difference_picture, fit_light
-from gscpe.scene import to_photo, to_uint8
-from gscpe.scene.image_array import check_image
-from gscpe.scene.photo import resized_photo
 from gscpe.sequences import Frame, Frames
 from gscpe.tracking import TrackingResult
 

@@ -19,7 +19,7 @@ from gscpe.localization.stages import Stages
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.turns import turned_back, turned_photo
 from gscpe.matching import SiftMatcher
-from gscpe.scene import Photo
+from gscpe.photos import Photo
 
 _log = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from gscpe.arrays import UInt8Array
-from gscpe.scene import Photo
-from gscpe.scene.photo import brightest_channel
+from gscpe.photos import Photo
+from gscpe.photos.photo import brightest_channel
 
 _DARK, _BRIGHT = 40, 250
 _SPARKS = 0.001  # share of the pixels that may be otherwise: sensor noise, reflections

@@ -36,11 +36,13 @@ from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.unknown_camera import estimate_camera, ordinary_camera
 from gscpe.localization.verification import doubt_about_coarse
 from gscpe.matching import Matcher
+from gscpe.photos import Photo, to_photo
+from gscpe.photos.image_array import check_image
+from gscpe.photos.orientation import inverse_orientation, turned_camera
+from gscpe.photos.photo import resized_photo
 from gscpe.render import RenderedView, Renderer
-from gscpe.scene import GaussianScene, Map, Photo, open_map, to_photo
-from gscpe.scene.image_array import check_image
-from gscpe.scene.orientation import inverse_orientation, turned_camera
-from gscpe.scene.photo import resized_photo
+from gscpe.scene import Map, open_map
+from gscpe.splats import GaussianScene
 
 _log = logging.getLogger(__name__)
 

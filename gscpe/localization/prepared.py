@@ -11,8 +11,8 @@ from gscpe.localization.beside import Beside, Work
 from gscpe.localization.clock import Clock
 from gscpe.localization.light import well_lit
 from gscpe.matching import LighterGlueMatcher, Matcher, XFeatMatcher
-from gscpe.scene import Photo
-from gscpe.scene.photo import resized_photo
+from gscpe.photos import Photo
+from gscpe.photos.photo import resized_photo
 
 _WORTH_WHILE = 1.5
 """Times by which a photo must be larger than that for a first look."""

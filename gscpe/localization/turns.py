@@ -17,14 +17,14 @@ from gscpe.coarse import CoarseResult
 from gscpe.geometry import se3
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.prepared import PreparedPhoto
-from gscpe.refinement import RefinementResult
-from gscpe.scene import Photo
-from gscpe.scene.orientation import (
+from gscpe.photos import Photo
+from gscpe.photos.orientation import (
     inverse_orientation,
     turned_camera,
     turned_from_cam,
     turned_image,
 )
+from gscpe.refinement import RefinementResult
 
 _Stage = TypeVar("_Stage", CoarseResult, RefinementResult)
 

@@ -10,8 +10,8 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.coarse import CoarseSettings, FocalEstimate, FocalSettings, estimate_focal_length, lift
 from gscpe.geometry.camera import Camera
 from gscpe.matching import Matcher
+from gscpe.photos import to_uint8
 from gscpe.render import Renders
-from gscpe.scene import to_uint8
 
 
 def ordinary_camera(image: UInt8Array, settings: FocalSettings) -> Camera:

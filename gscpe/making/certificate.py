@@ -17,7 +17,8 @@ from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization import Localizer
 from gscpe.making.settings import CertificateSettings
-from gscpe.scene import Map, Photo, References, read_image_of, to_photo
+from gscpe.photos import Photo, read_image_of, to_photo
+from gscpe.scene import Map, References
 from gscpe.scene.map_folder import CERTIFICATE
 
 Verdict: TypeAlias = Literal["good", "usable", "poor"]

@@ -19,8 +19,8 @@ from gscpe.errors import OutputError
 from gscpe.evaluation.text import degrees_text, number_text, share_text
 from gscpe.making.certificate import Certificate, CertifiedPhoto
 from gscpe.making.certificate_tables import photo_table
+from gscpe.photos import to_uint8
 from gscpe.report.encode import data_uris
-from gscpe.scene import to_uint8
 
 _BOOST = 2
 _QUALITY = 80

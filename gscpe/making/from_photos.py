@@ -15,6 +15,7 @@ from gscpe.making.certificate import Certificate, certify
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.settings import MakeMapSettings
 from gscpe.mapping import MapSettings, build_map
+from gscpe.photos.masks import check_masks
 from gscpe.reconstruction import (
     KnownPoses,
     PoseRefinementSettings,
@@ -27,10 +28,10 @@ from gscpe.reconstruction import (
 from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.known_poses import fingerprint, known_model
 from gscpe.retrieval import check_method
-from gscpe.scene import References, open_map, read_splat, save_map
+from gscpe.scene import References, open_map, save_map
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.scene.map_folder import CERTIFICATE, CERTIFICATE_PAGE, check_map_output
-from gscpe.scene.masks import check_masks
+from gscpe.splats import read_splat
 
 if TYPE_CHECKING:  # importing it needs Numba
     from gscpe.training import TrainingSettings

@@ -11,8 +11,9 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.mapping.looks import Look, PhotoComparison
-from gscpe.scene import GaussianScene, References
+from gscpe.scene import References
 from gscpe.scene.map_frame import typical_depth
+from gscpe.splats import GaussianScene
 
 _NOTHING = 0.02
 """Share of a render below which it shows nothing."""

@@ -17,9 +17,10 @@ from gscpe.mapping.looks import Look, PhotoComparison
 from gscpe.mapping.misfit import Misfit, measure
 from gscpe.mapping.settings import FrameCheckSettings
 from gscpe.matching import Matcher
-from gscpe.scene import GaussianScene, References
+from gscpe.scene import References
 from gscpe.scene.moved import move_references
-from gscpe.scene.turned import Y_AND_Z_NEGATED, turned
+from gscpe.splats import GaussianScene
+from gscpe.splats.turned import Y_AND_Z_NEGATED, turned
 
 _log = logging.getLogger(__name__)
 
@@ -144,7 +145,7 @@ def with_fitting_axes(
     Args:
         scene, references, image_folder, settings, metres_per_unit, backend, progress: as
             :func:`check_frames`.
-        axes_are_open: compare both at once (``gscpe.scene.splat_kind.may_have_other_axes``); else
+        axes_are_open: compare both at once (``gscpe.splats.splat_kind.may_have_other_axes``); else
             the scene is only turned where it does not fit as it is.
     """
     settings = settings or FrameCheckSettings()

@@ -25,12 +25,14 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import check_transform, inverse
+from gscpe.photos import to_photo
+from gscpe.photos.image_array import check_image
 from gscpe.render import Renderer, choose_backend
 from gscpe.retrieval import describe_references, parse_method
-from gscpe.scene import GaussianScene, Map, References, to_photo
-from gscpe.scene.gaussians import SH_C0, far_origin
-from gscpe.scene.image_array import check_image
+from gscpe.scene import Map, References
 from gscpe.scene.map_frame import TYPICAL_DEPTH, MapFrame, near_plane
+from gscpe.splats import GaussianScene
+from gscpe.splats.gaussians import SH_C0, far_origin
 
 _LAYERS = np.array([[0.0, 2.0], [3.0, 1.0]])
 """Depth of each 2x2 pixels' surfels, in layer spacings behind the surface: the nearest cover

@@ -10,14 +10,10 @@ import numpy as np
 
 from gscpe.errors import MapError, SettingsError, SplatError
 from gscpe.mapping.reference_photos import reference_photo
+from gscpe.photos.photo import LazyPhotos
 from gscpe.retrieval import describe_references, parse_method
-from gscpe.scene import (
-    GaussianScene,
-    GlobalDescriptors,
-    Map,
-    References,
-)
-from gscpe.scene.photo import LazyPhotos
+from gscpe.scene import GlobalDescriptors, Map, References
+from gscpe.splats import GaussianScene
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,12 @@ import numpy as np
 from gscpe.arrays import Float32Array
 from gscpe.geometry.camera import Camera
 from gscpe.mapping.reference_photos import reference_photo, spread
+from gscpe.photos import luminance
+from gscpe.photos.photo import shrink
 from gscpe.render import Renderer, local_correlation
-from gscpe.scene import GaussianScene, MapFrame, References, luminance
+from gscpe.scene import MapFrame, References
 from gscpe.scene.map_frame import typical_depth
-from gscpe.scene.photo import shrink
+from gscpe.splats import GaussianScene
 
 _LONGEST_SIDE = 320
 _SEEN = 0.5

@@ -18,8 +18,9 @@ from gscpe.localization import Localizer, PosePrior
 from gscpe.mapping.reference_photos import at_most, reference_image, spread
 from gscpe.mapping.settings import FrameCheckSettings
 from gscpe.matching import Matcher
-from gscpe.scene import GaussianScene, GlobalDescriptors, Map, MapFrame, References
+from gscpe.scene import GlobalDescriptors, Map, MapFrame, References
 from gscpe.scene.map_frame import TYPICAL_DEPTH, typical_depth
+from gscpe.splats import GaussianScene
 
 Verdict = Literal["fits", "a little off", "off"]
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from gscpe.arrays import UInt8Array
 from gscpe.geometry.camera import Camera
-from gscpe.scene import Photo, References, read_image_of, to_photo
+from gscpe.photos import Photo, read_image_of, to_photo
+from gscpe.scene import References
 
 
 def spread(count: int, wanted: int) -> list[int]:

@@ -6,11 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from gscpe.mapping.from_splat import MapSettings, check_scene
+from gscpe.photos import Photo, to_uint8
+from gscpe.photos.photo import LazyPhotos
 from gscpe.render import Renderer
 from gscpe.retrieval import check_method, describe_references
-from gscpe.scene import GaussianScene, Map, MapFrame, Photo, References, to_uint8
+from gscpe.scene import Map, MapFrame, References
 from gscpe.scene.map_frame import typical_depth
-from gscpe.scene.photo import LazyPhotos
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints import Viewpoints, ViewpointSettings, find_viewpoints
 
 _SHOWN = 0.5

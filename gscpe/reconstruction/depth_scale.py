@@ -12,7 +12,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import ReconstructionError
 from gscpe.geometry.similarity_transform import Similarity
-from gscpe.scene.photo_name import named_like
+from gscpe.photos.photo_name import named_like
 
 _LEAST_POINTS = 50
 _MOST_SCATTER = 0.1  # half of the ratios are within this of the median, relative

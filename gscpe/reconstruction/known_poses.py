@@ -14,7 +14,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError, ReconstructionError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.poses import write_colmap_folder
+from gscpe.poses import write_colmap_folder
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import UInt8Array
+from gscpe.photos.masks import check_masks, read_mask
+from gscpe.photos.photo_name import named_like
 from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.photos import PreparedPhoto
-from gscpe.scene.masks import check_masks, read_mask
-from gscpe.scene.photo_name import named_like
 
 
 def prepare_masks(photos: Sequence[PreparedPhoto], masks: Path, folder: Path) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 
 from gscpe.arrays import Float32Array
 from gscpe.geometry.camera import Camera
+from gscpe.photos import Photo, read_image
+from gscpe.photos.photo import LazyPhotos
 from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.retrieval import describe_references
-from gscpe.scene import Photo, read_image
-from gscpe.scene.photo import LazyPhotos
 
 
 def choose_pairs(

@@ -16,15 +16,15 @@ from tqdm import tqdm
 
 from gscpe.arrays import UInt8Array
 from gscpe.errors import OutputError, PhotoError, ReconstructionError
+from gscpe.photos.exif import camera_from_exif, exif_of
+from gscpe.photos.gps import gps_from_exif
+from gscpe.photos.image_file import photo_bytes, read_image
+from gscpe.photos.orientation import exif_orientation
 from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.frames import choose_frames, read_frames, watch
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.reconstruction.sharpness import sharpness
 from gscpe.reconstruction.sources import Source
-from gscpe.scene.exif import camera_from_exif, exif_of
-from gscpe.scene.gps import gps_from_exif
-from gscpe.scene.image_file import photo_bytes, read_image
-from gscpe.scene.orientation import exif_orientation
 
 _log = logging.getLogger(__name__)
 

@@ -10,9 +10,9 @@ from tqdm import tqdm
 
 from gscpe.errors import PhotoError
 from gscpe.geometry.camera import Camera
+from gscpe.photos.image_file import read_image_of
 from gscpe.reconstruction.photos import PreparedPhoto, write_photo
 from gscpe.reconstruction.sharpness import sharpness
-from gscpe.scene.image_file import read_image_of
 from gscpe.scene.references import References
 
 

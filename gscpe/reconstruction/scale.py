@@ -14,10 +14,10 @@ from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import ReconstructionError, SettingsError
 from gscpe.geometry.alignment import umeyama
 from gscpe.geometry.similarity_transform import Similarity
+from gscpe.photos.gps import local_metres
+from gscpe.photos.photo_name import with_slashes
+from gscpe.poses import read_pose_file
 from gscpe.reconstruction.lengths import KnownLengths, read_lengths
-from gscpe.scene.gps import local_metres
-from gscpe.scene.photo_name import with_slashes
-from gscpe.scene.poses import read_pose_file
 
 _TRIALS = 500
 _LEAST = 3

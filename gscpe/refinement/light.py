@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array
+from gscpe.photos import Photo, luminance
+from gscpe.photos.photo import brightest_channel
 from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
 from gscpe.refinement.illumination import IlluminationSettings, fit_illumination
 from gscpe.render import RenderedView
-from gscpe.scene import Photo, luminance
-from gscpe.scene.photo import brightest_channel
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
+from gscpe.photos import Photo, luminance
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
 from gscpe.refinement.light import LightSettings, PhotoLight
@@ -20,7 +21,6 @@ from gscpe.refinement.pyramid import anchor_pyramid, photo_pyramid
 from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import RenderedView, Renders
-from gscpe.scene import Photo, luminance
 
 _log = logging.getLogger(__name__)
 

@@ -19,7 +19,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.render.kernel_threads import KernelThreads
 from gscpe.render.spatial_chunks import SpatialChunks
 from gscpe.render.view import RenderedView
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.splats.gaussians import GaussianScene
 
 _log = logging.getLogger(__name__)
 

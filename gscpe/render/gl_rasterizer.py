@@ -29,7 +29,7 @@ from gscpe.render.splatting import SlopeLimits
 from gscpe.render.targets import ImageTargets, ProjectionTargets, data_texture
 from gscpe.render.view import RenderedView
 from gscpe.render.visibility_order import VisibilityOrder
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.splats.gaussians import GaussianScene
 
 _SIZES_KEPT = 4
 

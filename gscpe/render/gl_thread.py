@@ -11,7 +11,7 @@ from gscpe.render.context import check_process
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.own_thread import OwnThread
 from gscpe.render.view import RenderedView
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.splats.gaussians import GaussianScene
 
 
 class GlThread:

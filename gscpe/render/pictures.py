@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import Float32Array, UInt8Array
+from gscpe.photos import to_uint8
 from gscpe.render.view import RenderedView
-from gscpe.scene import to_uint8
 
 UNSEEN = (0, 0, 40)
 """The dark blue of a difference where the map shows nothing."""

@@ -15,7 +15,7 @@ from gscpe.render.context import import_moderngl
 from gscpe.render.cpu_rasterizer import CpuRasterizer
 from gscpe.render.rasterizer import Rasterizer, choose_backend
 from gscpe.render.view import RenderedView
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.splats.gaussians import GaussianScene
 
 
 class Renderer(Closing):

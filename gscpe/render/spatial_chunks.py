@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
 from gscpe.render.splatting import LOW_PASS, MIN_ALPHA, SlopeLimits, sigmas_in_sight
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.splats.gaussians import GaussianScene
 
 _CHUNK = 256
 _MOST_BLUR = np.sqrt(2.0 * np.log(255.0) * LOW_PASS)  # pixels that the low-pass can add

@@ -10,7 +10,7 @@ from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
 from gscpe.render.spatial_chunks import SpatialChunks
 from gscpe.render.splatting import LOW_PASS, SlopeLimits, sigmas_in_sight
-from gscpe.scene.gaussians import GaussianScene
+from gscpe.splats.gaussians import GaussianScene
 
 
 def view_depths(means_by_axis: Float32Array, cam_from_world: Float64Array) -> Float32Array:

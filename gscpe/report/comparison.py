@@ -12,11 +12,11 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.batch import result_details
 from gscpe.geometry.camera import Camera
 from gscpe.localization import LocalizationResult, Localizer
+from gscpe.photos import Photo, to_photo, to_uint8
+from gscpe.poses.hloc import parse_pose
 from gscpe.render import RenderedView
 from gscpe.render.pictures import Panel, difference_picture, montage
 from gscpe.report.encode import data_uri
-from gscpe.scene import Photo, to_photo, to_uint8
-from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query
 
 _WIDTH = 640  # pixels of a picture in a strip, at most

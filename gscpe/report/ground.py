@@ -10,8 +10,8 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.geometry.up import common_up
-from gscpe.scene import GaussianScene
-from gscpe.scene.gaussians import SH_C0
+from gscpe.splats import GaussianScene
+from gscpe.splats.gaussians import SH_C0
 
 _MOST_OPAQUE = 0.6
 

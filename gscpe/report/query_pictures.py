@@ -16,12 +16,12 @@ from gscpe.errors import InputError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer
 from gscpe.matching import Matcher, Matches
+from gscpe.photos import luminance, read_image_of, to_uint8
 from gscpe.refinement.visibility import surface_mask, visibility_mask
 from gscpe.render import RenderedView
 from gscpe.render.pictures import depth_picture
 from gscpe.report.comparison import compare
 from gscpe.report.settings import ReportSettings
-from gscpe.scene import luminance, read_image_of, to_uint8
 
 GREEN, RED = (40, 200, 90), (235, 60, 50)
 _NO_SURFACE, _CONTRADICTED = (200, 40, 120), (250, 170, 0)

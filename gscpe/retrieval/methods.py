@@ -13,11 +13,12 @@ from tqdm import tqdm
 from gscpe.arrays import Float32Array
 from gscpe.errors import MapError, ModelError, SettingsError
 from gscpe.models import models_folder
+from gscpe.photos import Photo
 from gscpe.retrieval.onnx_describer import OnnxDescriber, describe_model, read_onnx_input
 from gscpe.retrieval.protocol import GlobalDescriber
 from gscpe.retrieval.vlad import VocabularySettings, aggregate, learn_vocabulary
 from gscpe.retrieval.vlad_describer import LocalDescriptors, VladDescriber, rootsift, xfeat
-from gscpe.scene import DescriberModel, GlobalDescriptors, Photo
+from gscpe.scene import DescriberModel, GlobalDescriptors
 
 METHODS = ("vlad", "vlad-xfeat", "onnx:PATH")
 """VLAD of RootSIFT; VLAD of XFeat; a network that was exported to ONNX."""

@@ -19,8 +19,8 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError, ColmapModelError, PoseError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
-from gscpe.scene.poses.colmap_images import image_lines
-from gscpe.scene.text_file import read_text_file
+from gscpe.photos.text_file import read_text_file
+from gscpe.poses.colmap_images import image_lines
 
 MODELS = (
     ("SIMPLE_PINHOLE", 3),

@@ -9,9 +9,9 @@ import numpy as np
 
 from gscpe.errors import ColmapModelError
 from gscpe.geometry.camera import Camera
+from gscpe.photos.photo_name import name_in_folder
+from gscpe.photos.photo_size import SizeMisfit, fit_sizes, photo_size_or_none
 from gscpe.scene.colmap_files import read_colmap_files, to_camera
-from gscpe.scene.photo_name import name_in_folder
-from gscpe.scene.photo_size import SizeMisfit, fit_sizes, photo_size_or_none
 from gscpe.scene.references import References
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gscpe.errors import MapError
-from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map_frame import MapFrame, typical_depth
 from gscpe.scene.references import GlobalDescriptors, References
+from gscpe.splats.gaussians import GaussianScene
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from gscpe.errors import MapError, OutputError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.compression import compress, decompressed
-from gscpe.scene.gaussians import GaussianScene
 from gscpe.scene.map import Map
 from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
-from gscpe.scene.splat_file import splat_from_bytes
+from gscpe.splats.compression import compress, decompressed
+from gscpe.splats.gaussians import GaussianScene
+from gscpe.splats.splat_file import splat_from_bytes
 
 GAUSSIANS = frozenset({"gaussians.npz", "gaussians.spz"})
 """One of them is in every map."""

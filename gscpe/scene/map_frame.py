@@ -21,8 +21,8 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry.projection import transform_points
-from gscpe.scene.gaussians import NEAR, GaussianScene
 from gscpe.scene.references import References
+from gscpe.splats.gaussians import NEAR, GaussianScene
 
 TYPICAL_DEPTH = 2.0
 """Metres from which surfaces in rooms are seen; lengths in settings are made for it."""

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from gscpe.geometry.similarity_transform import Similarity
-from gscpe.scene.gaussians import GaussianScene, far_origin
 from gscpe.scene.references import References
-from gscpe.scene.turned import turned
+from gscpe.splats.gaussians import GaussianScene, far_origin
+from gscpe.splats.turned import turned
 
 
 def move_references(references: References, b_from_a: Similarity) -> References:

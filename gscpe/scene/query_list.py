@@ -10,10 +10,10 @@ from typing import Sequence
 
 from gscpe.errors import CameraError, QueryListError
 from gscpe.geometry.camera import Camera
+from gscpe.photos.photo_name import name_in_folder, split_quoted_name, with_slashes
+from gscpe.photos.photo_size import SizeMisfit, fit_sizes, photo_size_or_none
+from gscpe.photos.text_file import read_text_file
 from gscpe.scene.colmap_files import MODELS
-from gscpe.scene.photo_name import name_in_folder, split_quoted_name, with_slashes
-from gscpe.scene.photo_size import SizeMisfit, fit_sizes, photo_size_or_none
-from gscpe.scene.text_file import read_text_file
 
 PHOTO_ENDINGS = {
     ".png",
@@ -109,7 +109,7 @@ def folder_queries(folder: str | Path, camera: Camera) -> tuple[Query, ...]:
 
 def fit_queries(queries: Sequence[Query], image_folder: str | Path) -> tuple[Query, ...]:
     """The queries with their cameras scaled, where all photos are larger or smaller than these
-    by one factor; see :func:`gscpe.scene.photo_size.fit_sizes`.
+    by one factor; see :func:`gscpe.photos.photo_size.fit_sizes`.
 
     Otherwise as they were: a photo of another size is an error of its own.
     """

@@ -10,9 +10,9 @@ from gscpe.datasets.fast_livo2 import read_vikit_camera
 from gscpe.datasets.yaml_file import mapping_with, read_yaml
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
+from gscpe.photos.photo_size import Size, SizeMisfit, fit_sizes
+from gscpe.photos.text_file import read_text_file
 from gscpe.scene.colmap_files import MODELS
-from gscpe.scene.photo_size import Size, SizeMisfit, fit_sizes
-from gscpe.scene.text_file import read_text_file
 
 _EXPECTED = (
     "MODEL width height params..., a COLMAP cameras.txt with one camera, or YAML of ROS's "

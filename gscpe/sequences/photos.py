@@ -8,8 +8,8 @@ from typing import Iterator, Sequence
 
 from gscpe.errors import CameraError, PhotoError, QueryListError, SequenceError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.image_file import read_image_of
-from gscpe.scene.poses import photo_numbers
+from gscpe.photos.image_file import read_image_of
+from gscpe.poses import photo_numbers
 from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 from gscpe.sequences.frame import Frame, Frames
 from gscpe.sequences.times import in_natural_order, read_times, times_of_names

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Mapping, Sequence
 
 from gscpe.errors import SequenceError
-from gscpe.scene.photo_name import is_number, with_slashes
-from gscpe.scene.poses import photo_numbers
-from gscpe.scene.text_file import read_text_file
+from gscpe.photos.photo_name import is_number, with_slashes
+from gscpe.photos.text_file import read_text_file
+from gscpe.poses import photo_numbers
 
 _NUMBERS = re.compile(r"(\d+)")
 _SINCE_1970 = {10: 1, 13: 10**3, 16: 10**6, 19: 10**9}

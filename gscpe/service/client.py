@@ -12,8 +12,8 @@ from gscpe.closing import Closing
 from gscpe.errors import GscpeError, InputError, MissingDependencyError, ServiceError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import PosePrior
-from gscpe.scene.image_file import photo_bytes
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.photos.image_file import photo_bytes
+from gscpe.poses.hloc import format_pose
 
 
 class Client(Closing):

@@ -20,9 +20,9 @@ from gscpe.errors import RenderError, ran_out_of_memory
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Attempt, Localizer, Observer, PosePrior
 from gscpe.matching import Matches
+from gscpe.photos import to_uint8
 from gscpe.render import RenderedView
 from gscpe.report import map_from_above
-from gscpe.scene import to_uint8
 from gscpe.service.problem import Problem, failed, problem_of, too_large
 
 _log = logging.getLogger(__name__)

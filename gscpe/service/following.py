@@ -19,7 +19,7 @@ from gscpe.batch.shelf import Shelf, ShelfOrder
 from gscpe.closing import Closing
 from gscpe.errors import InputError
 from gscpe.geometry.camera import Camera
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.poses.hloc import format_pose
 from gscpe.service.limits import Limits, check_photo
 from gscpe.service.problem import ProblemError, problem_of
 from gscpe.tracking import Tracker, TrackingResult

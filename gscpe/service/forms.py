@@ -12,7 +12,7 @@ import numpy as np
 from gscpe.errors import CameraError, PoseError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import PosePrior
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.poses.hloc import parse_pose
 from gscpe.service.problem import one_line
 
 _MOST = 4000

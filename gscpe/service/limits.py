@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from io import BytesIO
 
 from gscpe.errors import PhotoError, SettingsError
-from gscpe.scene.image_file import heic_photo, is_heic
+from gscpe.photos.image_file import heic_photo, is_heic
 from gscpe.service.problem import ProblemError, too_large
 
 FORMATS = ("JPEG", "PNG", "WEBP")

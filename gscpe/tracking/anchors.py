@@ -10,13 +10,13 @@ import numpy as np
 from gscpe.arrays import Float64Array, IntArray, short_repr
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
+from gscpe.photos import luminance
 from gscpe.refinement.levels import PreparedAnchor
 from gscpe.refinement.lucas_kanade import Template, motion_of
 from gscpe.refinement.pyramid import anchor_pyramid
 from gscpe.refinement.uncertainty import blocks_of
 from gscpe.refinement.visibility import visibility_mask
 from gscpe.render import Renders
-from gscpe.scene import luminance
 from gscpe.tracking.frames import most_levels
 from gscpe.tracking.settings import TrackingSettings
 

@@ -12,10 +12,10 @@ import numpy as np
 from gscpe.arrays import BoolArray, UInt8Array
 from gscpe.errors import CameraError, PhotoError
 from gscpe.geometry.camera import Camera
+from gscpe.photos.image_array import check_image
+from gscpe.photos.photo import resized_image
+from gscpe.photos.undistortion import Undistortion
 from gscpe.refinement.pyramid import ImageLevel, photo_pyramid
-from gscpe.scene.image_array import check_image
-from gscpe.scene.photo import resized_image
-from gscpe.scene.undistortion import Undistortion
 from gscpe.tracking.motion import Motion
 
 _SMALLEST_SIDE = 16

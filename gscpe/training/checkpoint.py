@@ -17,7 +17,7 @@ import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.errors import OutputError, TrainingError
-from gscpe.scene.photo import Photo
+from gscpe.photos.photo import Photo
 from gscpe.training.exposure import Exposures
 from gscpe.training.parameters import Parameters
 from gscpe.training.points import PointCloud

@@ -9,9 +9,9 @@ from typing import Sequence
 import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array
+from gscpe.photos.photo import Photo
 from gscpe.render import Renderer
-from gscpe.scene.gaussians import GaussianScene
-from gscpe.scene.photo import Photo
+from gscpe.splats.gaussians import GaussianScene
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from gscpe.errors import OutputError, SettingsError
+from gscpe.photos.masks import check_masks
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.masks import check_masks
 from gscpe.training.evaluation import Likeness, likeness
 from gscpe.training.from_references import (
     checkpoint_of,

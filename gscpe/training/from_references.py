@@ -10,13 +10,13 @@ from typing import Sequence
 import numpy as np
 
 from gscpe.errors import TrainingError
-from gscpe.scene.gaussians import GaussianScene
-from gscpe.scene.image_file import read_image_of
-from gscpe.scene.masks import masked_image
-from gscpe.scene.photo import Photo, resized_photo, to_photo
-from gscpe.scene.photo_name import named_like
+from gscpe.photos.image_file import read_image_of
+from gscpe.photos.masks import masked_image
+from gscpe.photos.photo import Photo, resized_photo, to_photo
+from gscpe.photos.photo_name import named_like
 from gscpe.scene.references import References
-from gscpe.scene.write_splat import write_splat
+from gscpe.splats.gaussians import GaussianScene
+from gscpe.splats.write_splat import write_splat
 from gscpe.training.loop import LEAST_PHOTOS, train
 from gscpe.training.points import PointCloud, read_colmap_points
 from gscpe.training.progress import Listener

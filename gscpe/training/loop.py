@@ -14,9 +14,9 @@ from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import CameraError, TrainingError
 from gscpe.geometry.se3 import check_transform
 from gscpe.interrupts import interrupts_later
+from gscpe.photos.photo import Photo
 from gscpe.render.kernel_threads import KernelThreads
-from gscpe.scene.gaussians import GaussianScene
-from gscpe.scene.photo import Photo
+from gscpe.splats.gaussians import GaussianScene
 from gscpe.training.checkpoint import (
     TrainingState,
     fingerprint,

@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float32Array, IntArray
 from gscpe.render.spatial_chunks import morton_order
-from gscpe.scene.gaussians import SH_C0, GaussianScene
+from gscpe.splats.gaussians import SH_C0, GaussianScene
 
 MOMENTS = 14
 """Values of a Gaussian that Adam keeps moments of: position, logarithms of scales, quaternion,

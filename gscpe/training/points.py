@@ -11,9 +11,9 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray, UInt8Array
 from gscpe.errors import ColmapModelError, MissingDependencyError
+from gscpe.photos.photo_name import with_slashes
 from gscpe.scene.colmap_files import read_colmap_files
-from gscpe.scene.gaussians import SH_C0
-from gscpe.scene.photo_name import with_slashes
+from gscpe.splats.gaussians import SH_C0
 from gscpe.training.parameters import Parameters
 from gscpe.training.settings import TrainingSettings
 

@@ -14,7 +14,7 @@ from gscpe.render.cpu_projection import TILE
 from gscpe.render.cpu_tiles import Gaussians, TiledView, composite, tile_view
 from gscpe.render.kernel_threads import KernelThreads, in_parts
 from gscpe.render.view import RenderedView
-from gscpe.scene.gaussians import NEAR
+from gscpe.splats.gaussians import NEAR
 from gscpe.training.backward_compositing import SUMS, TOTALS, add_up_entries, sum_tiles
 from gscpe.training.backward_projection import GRADIENT, parameter_gradients
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import TrainingError
+from gscpe.photos.photo import Photo, resized_photo
 from gscpe.render.kernel_threads import KernelThreads, in_parts
-from gscpe.scene.gaussians import GaussianScene
-from gscpe.scene.photo import Photo, resized_photo
+from gscpe.splats.gaussians import GaussianScene
 from gscpe.training.adam import CORRECTIONS, update_gaussians
 from gscpe.training.checkpoint import TrainingState
 from gscpe.training.densification import is_kept, split, to_split

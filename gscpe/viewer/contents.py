@@ -12,10 +12,10 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
+from gscpe.poses.hloc import parse_pose
 from gscpe.report.ground import choose_ground_plane
 from gscpe.scene import Map
 from gscpe.scene.map_frame import typical_depth
-from gscpe.scene.poses.hloc import parse_pose
 from gscpe.viewer.cameras import KINDS, Kind, ShownCamera
 from gscpe.viewer.ellipsoids import Ellipsoid, centre_ellipsoid
 

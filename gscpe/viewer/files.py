@@ -10,7 +10,7 @@ from typing import Sequence
 from gscpe.arrays import Float64Array
 from gscpe.batch import read_details
 from gscpe.errors import PoseError
-from gscpe.scene.poses import poses_by_name, read_pose_file
+from gscpe.poses import poses_by_name, read_pose_file
 from gscpe.viewer.contents import Findings
 
 

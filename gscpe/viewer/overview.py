@@ -17,8 +17,9 @@ from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import transform_points
+from gscpe.photos import to_uint8
 from gscpe.render import RenderedView, Renderer
-from gscpe.scene import Map, to_uint8
+from gscpe.scene import Map
 from gscpe.viewer.cameras import (
     COLOURS,
     EDGES,

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import UInt8Array
+from gscpe.photos import to_uint8
 from gscpe.render import RenderedView, Renderer
 from gscpe.render.pictures import difference_picture, fit_light
-from gscpe.scene import to_uint8
 from gscpe.viewer.cameras import ShownCamera
 from gscpe.viewer.photos import Photos
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gscpe.arrays import UInt8Array
 from gscpe.errors import InputError
-from gscpe.scene import read_image_of, to_photo
+from gscpe.photos import read_image_of, to_photo
 from gscpe.viewer.cameras import ShownCamera
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray, UInt8Array
-from gscpe.scene import GaussianScene
-from gscpe.scene.gaussians import SH_C0
+from gscpe.splats import GaussianScene
+from gscpe.splats.gaussians import SH_C0
 
 MOST_GAUSSIANS = 500_000
 """That a browser draws at several frames a second on an ordinary laptop."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 _SAMPLES = 3000
 _STARTS = 12

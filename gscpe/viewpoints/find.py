@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry.camera import Camera
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import main_axes
 from gscpe.viewpoints.places import FACES, Place, PlaceSearch, lattice_spacing
 from gscpe.viewpoints.settings import ViewpointSettings

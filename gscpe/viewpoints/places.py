@@ -17,7 +17,7 @@ from gscpe.arrays import BoolArray, Float64Array, IntArray
 from gscpe.errors import MapError
 from gscpe.geometry.camera import Camera
 from gscpe.render import Renderer
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import solid
 from gscpe.viewpoints.quality import ViewQuality, view_quality
 from gscpe.viewpoints.settings import ViewpointSettings

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from gscpe.photos import luminance
 from gscpe.render import RenderedView
-from gscpe.scene import luminance
 
 _SEEN = 0.5
 _BLUR = 1.5

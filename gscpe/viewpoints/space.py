@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import MapError
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import solid
 
 _CORE = (0.05, 0.95)

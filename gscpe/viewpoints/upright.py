@@ -8,7 +8,7 @@ from typing import Sequence
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import solid, surface_normals
 from gscpe.viewpoints.places import Place
 from gscpe.viewpoints.space import Space

@@ -20,9 +20,9 @@ from gscpe.coarse import CoarseResult
 from gscpe.errors import OutputError, RenderError
 from gscpe.geometry import Camera, se3
 from gscpe.localization import Attempt, Start
+from gscpe.photos import to_photo, write_image
+from gscpe.poses.hloc import format_pose, read_poses
 from gscpe.refinement import RefinementResult
-from gscpe.scene import to_photo, write_image
-from gscpe.scene.poses.hloc import format_pose, read_poses
 from gscpe.scene.query_list import Query
 
 CAMERA = Camera.pinhole(16, 12, fx=14, fy=14, cx=8, cy=6)

@@ -20,7 +20,7 @@ from gscpe.batch import make_crew, read_details
 from gscpe.batch.process_crew import ProcessCrew
 from gscpe.cli.main import main
 from gscpe.errors import MapError, ModelError, SettingsError, WorkerError
-from gscpe.scene.poses.hloc import read_poses
+from gscpe.poses.hloc import read_poses
 
 needs_pipes = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
 

@@ -26,10 +26,11 @@ from gscpe.errors import MapError, PoseError, SettingsError
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization import PosePrior
 from gscpe.mapping import map_from_rgbd
-from gscpe.scene import open_map, save_map, write_image
+from gscpe.photos import write_image
+from gscpe.poses import read_pose_file
+from gscpe.poses.hloc import parse_pose
+from gscpe.scene import open_map, save_map
 from gscpe.scene.map_folder import open_references
-from gscpe.scene.poses import read_pose_file
-from gscpe.scene.poses.hloc import parse_pose
 from gscpe.scene.query_list import Query
 from gscpe.viewer import contents_of, read_findings
 

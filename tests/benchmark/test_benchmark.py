@@ -25,8 +25,9 @@ from gscpe.errors import SettingsError, SplatError
 from gscpe.evaluation import evaluate
 from gscpe.geometry import Camera, se3
 from gscpe.mapping import scene_from_rgbd
-from gscpe.scene import write_image, write_splat
-from gscpe.scene.poses.hloc import format_pose, read_poses
+from gscpe.photos import write_image
+from gscpe.poses.hloc import format_pose, read_poses
+from gscpe.splats import write_splat
 
 FOCAL = 205.0
 CAMERA = Camera.pinhole(240, 180, fx=FOCAL, fy=FOCAL, cx=120, cy=90)

@@ -15,7 +15,8 @@ from scenes import ROOM_POSE, room, room_camera, room_map, write_colmap_model
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
 from gscpe.geometry.similarity_transform import Similarity
-from gscpe.scene import open_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import open_map
 from gscpe.scene.moved import move_scene
 
 CAMERA = room_camera(240, 180)

@@ -22,8 +22,9 @@ from scenes import (
 from gscpe import __version__
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
-from gscpe.scene import open_map, read_image, save_map, write_image
-from gscpe.scene.poses.hloc import format_pose, parse_pose
+from gscpe.photos import read_image, write_image
+from gscpe.poses.hloc import format_pose, parse_pose
+from gscpe.scene import open_map, save_map
 
 CAMERA = room_camera(240, 180)
 ASIDE = se3.exp([0.05, -0.03, 0.04, 0.02, -0.02, 0.03]) @ ROOM_POSE

@@ -13,8 +13,9 @@ from helpers import random_scene, splat_columns, splat_table, write_splat, write
 from scenes import ROOM_POSE, room, room_camera, room_map, write_colmap_model
 
 from gscpe.cli.main import main
-from gscpe.scene import open_map, save_map, write_image
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.photos import write_image
+from gscpe.poses.hloc import format_pose
+from gscpe.scene import open_map, save_map
 
 CAMERA = room_camera(60, 45)
 CAMERA_WORDS = CAMERA.colmap_text()

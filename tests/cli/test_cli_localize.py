@@ -17,9 +17,10 @@ from gscpe import LocalizationResult, Localizer, PosePrior
 from gscpe.cli.main import main
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.localization import Observer
-from gscpe.scene import read_image, save_map, write_image
-from gscpe.scene.orientation import inverse_orientation, swaps_sides, turned_image
-from gscpe.scene.poses.hloc import format_pose, parse_pose, read_poses
+from gscpe.photos import read_image, write_image
+from gscpe.photos.orientation import inverse_orientation, swaps_sides, turned_image
+from gscpe.poses.hloc import format_pose, parse_pose, read_poses
+from gscpe.scene import save_map
 
 CAMERA = room_camera(240, 180)
 CAMERA_WORDS = CAMERA.colmap_text()

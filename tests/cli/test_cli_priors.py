@@ -18,7 +18,7 @@ from gscpe.batch.priors import with_priors
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
 from gscpe.mapping import map_without_references
-from gscpe.scene.poses import read_pose_file
+from gscpe.poses import read_pose_file
 
 CAMERA = room_camera(240, 180)
 POSES = {

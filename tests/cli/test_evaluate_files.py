@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gscpe.cli.main import main
 from gscpe.geometry import se3
-from gscpe.scene.poses import PoseFormat, write_pose_file
+from gscpe.poses import PoseFormat, write_pose_file
 
 Poses = dict[str, NDArray[np.float64]]
 

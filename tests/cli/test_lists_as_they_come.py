@@ -13,8 +13,9 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
-from gscpe.scene import save_map, write_image
-from gscpe.scene.poses.hloc import format_pose, read_poses
+from gscpe.photos import write_image
+from gscpe.poses.hloc import format_pose, read_poses
+from gscpe.scene import save_map
 
 CAMERA = room_camera(240, 180)
 POSES = {

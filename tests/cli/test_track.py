@@ -18,9 +18,10 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 from gscpe import Camera, Tracker, pose_difference
 from gscpe.cli.main import main
 from gscpe.geometry import se3
-from gscpe.scene import read_image, save_map, write_image
-from gscpe.scene.poses import read_pose_file
-from gscpe.scene.poses.tum import tum_line
+from gscpe.photos import read_image, write_image
+from gscpe.poses import read_pose_file
+from gscpe.poses.tum import tum_line
+from gscpe.scene import save_map
 from gscpe.tracking import Motion, TrackingResult
 
 CAMERA = room_camera(240, 180)

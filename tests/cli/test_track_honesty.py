@@ -16,8 +16,9 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.cli.main import main
 from gscpe.geometry import se3
-from gscpe.scene import save_map, write_image
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.photos import write_image
+from gscpe.poses.hloc import parse_pose
+from gscpe.scene import save_map
 
 CAMERA = room_camera(240, 180)
 STEP = np.array([0.005, -0.002, 0.003, 0.002, 0.003, -0.002])

@@ -27,7 +27,7 @@ from gscpe.datasets import (
 from gscpe.datasets.dataset import OFFICIAL
 from gscpe.errors import ColmapModelError, DatasetError, MissingDependencyError, SettingsError
 from gscpe.geometry import Camera
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.poses.hloc import format_pose
 from gscpe.scene.query_list import Query
 
 

@@ -13,8 +13,8 @@ from gscpe.demo.pictures import ARROW, ARROW_SCALE, shifts
 from gscpe.geometry import pose_difference, se3
 from gscpe.geometry.projection import pixel_centres, project, transform_points, unproject
 from gscpe.mapping import map_from_rgbd
+from gscpe.photos import read_image
 from gscpe.render import Renderer
-from gscpe.scene import read_image
 
 
 @pytest.fixture(scope="module")

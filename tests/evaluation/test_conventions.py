@@ -15,7 +15,7 @@ from gscpe.cli.main import main
 from gscpe.evaluation import evaluate, explain_errors
 from gscpe.geometry import se3
 from gscpe.geometry.similarity_transform import Similarity
-from gscpe.scene.poses import write_pose_file
+from gscpe.poses import write_pose_file
 
 Pose = NDArray[np.float64]
 Poses = dict[str, Pose]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gscpe.cli.main import main
 from gscpe.evaluation import evaluate
 from gscpe.geometry import se3
-from gscpe.scene.poses import read_pose_file, write_pose_file
+from gscpe.poses import read_pose_file, write_pose_file
 
 metrics = pytest.importorskip("evo.core.metrics", reason="evo is not installed")
 file_interface = pytest.importorskip("evo.tools.file_interface", reason="evo is not installed")

@@ -24,7 +24,7 @@ from gscpe.evaluation.table import Table, to_json, to_latex, to_markdown, to_tex
 from gscpe.evaluation.tables import benchmark_tables, write_tables
 from gscpe.evaluation.text import NOTHING, significant_text
 from gscpe.geometry import se3
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.poses.hloc import format_pose
 
 Poses = dict[str, NDArray[np.float64]]
 

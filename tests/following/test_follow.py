@@ -19,7 +19,7 @@ from gscpe.datasets.tum import Trajectory
 from gscpe.errors import OutputError, SequenceError, SettingsError
 from gscpe.following import Odometry, Overlay, Tally, TrackFiles, follow
 from gscpe.geometry import Camera, se3
-from gscpe.scene.poses import read_pose_file
+from gscpe.poses import read_pose_file
 from gscpe.sequences import Clock, Frame, Frames
 from gscpe.tracking import Motion, TrackingResult
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gscpe.errors import PoseError, SettingsError
 from gscpe.following import read_odometry
 from gscpe.geometry import se3
-from gscpe.scene.poses.tum import tum_line
+from gscpe.poses.tum import tum_line
 
 
 def test_a_steady_motion_between_its_poses(tmp_path: Path, rng: np.random.Generator) -> None:

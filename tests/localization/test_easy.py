@@ -129,12 +129,12 @@ def test_a_map_of_one_photo_is_matched_by_the_whole_loop(image: NDArray[np.uint8
     assert set(looks.widths) == {240}
 
 
-@pytest.mark.parametrize("side", ["left", "top"])
+@pytest.mark.parametrize("covered", [np.s_[:, :240], np.s_[:180]], ids=["left", "top"])
 def test_a_photo_half_covered_goes_through_the_whole_loop(
-    side: str, image: NDArray[np.uint8]
+    covered: Any, image: NDArray[np.uint8]
 ) -> None:
     looks, half = Looks(), image.copy()
-    half[{"left": np.s_[:, :240], "top": np.s_[:180]}[side]] = (70, 60, 50)
+    half[covered] = (70, 60, 50)
     localize(half, looks, easy=EASY, more_places=0, escalate=False, orientations=())
     assert looks.widths[0] == 120
     assert looks.widths.count(240) == len(looks.widths) - 1

@@ -15,8 +15,8 @@ import pytest
 
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference
-from gscpe.scene import read_image, write_image
-from gscpe.scene.poses.hloc import parse_pose, read_poses
+from gscpe.photos import read_image, write_image
+from gscpe.poses.hloc import parse_pose, read_poses
 from gscpe.scene.query_list import read_query_list
 
 CHOSEN = (5, 30, 55, 80)

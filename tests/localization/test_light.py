@@ -10,7 +10,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 from gscpe import Localizer
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization.light import well_lit
-from gscpe.scene import Photo
+from gscpe.photos import Photo
 
 CAMERA = room_camera(240, 180)
 TRUTH = np.asarray(se3.exp([0.06, -0.03, 0.05, 0.02, -0.03, 0.01]) @ ROOM_POSE)

@@ -17,8 +17,10 @@ from scenes import ROOM_POSE, RayCastRenderer, room, room_camera, room_map
 import gscpe.localization.localizer
 from gscpe import Localizer
 from gscpe.geometry import Camera, pose_difference, se3
+from gscpe.photos import to_photo
 from gscpe.retrieval import describe_references
-from gscpe.scene import GaussianScene, Map, References, to_photo
+from gscpe.scene import Map, References
+from gscpe.splats import GaussianScene
 
 CAMERAS = {
     "small": Camera.pinhole(161, 121, fx=131.0, fy=128.0, cx=91.0, cy=52.0),

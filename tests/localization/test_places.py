@@ -12,7 +12,8 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe import Localizer, LocalizerSettings, PosePrior
 from gscpe.geometry import se3
-from gscpe.scene import Map, Photo, References
+from gscpe.photos import Photo
+from gscpe.scene import Map, References
 
 CAMERA = room_camera(240, 180)
 

@@ -21,8 +21,8 @@ from gscpe.localization.starts import Start
 from gscpe.localization.turns import pixels_turned_back, turned_back, turned_photo
 from gscpe.matching import Matches, SiftMatcher
 from gscpe.matching.protocol import no_matches
-from gscpe.scene import Photo
-from gscpe.scene.orientation import (
+from gscpe.photos import Photo
+from gscpe.photos.orientation import (
     inverse_orientation,
     turned_camera,
     turned_from_cam,

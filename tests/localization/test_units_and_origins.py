@@ -13,7 +13,8 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe import LocalizationResult, Localizer, Map, PosePrior, References
 from gscpe.geometry import pose_difference, se3
-from gscpe.scene import GaussianScene, open_map, read_splat, save_map, write_splat
+from gscpe.scene import open_map, save_map
+from gscpe.splats import GaussianScene, read_splat, write_splat
 
 CAMERA = room_camera(240, 180)
 ASIDE = se3.exp([0.1, -0.05, 0.08, 0.02, 0.05, -0.02]) @ ROOM_POSE

@@ -24,7 +24,8 @@ from gscpe.making import (
     summary_table,
     write_certificate_page,
 )
-from gscpe.scene import References, open_map, save_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import References, open_map, save_map
 from gscpe.scene.map_folder import CERTIFICATE, CERTIFICATE_PAGE
 
 CAMERA = room_camera(240, 180)

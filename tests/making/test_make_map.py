@@ -20,9 +20,9 @@ from gscpe.making import (
     read_certificate,
     work_folder_of,
 )
+from gscpe.poses import write_pose_file
 from gscpe.reconstruction import PoseRefinementSettings, ScaleSource
 from gscpe.scene import open_map
-from gscpe.scene.poses import write_pose_file
 
 pytest.importorskip("numba")
 

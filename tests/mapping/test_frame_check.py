@@ -26,9 +26,11 @@ from gscpe.mapping import (
 )
 from gscpe.mapping.diagnosis import rounded_coordinates
 from gscpe.mapping.frame_candidates import nerfstudio_normalization
-from gscpe.scene import GaussianScene, References, write_image
+from gscpe.photos import write_image
+from gscpe.scene import References
 from gscpe.scene.moved import move_references, move_scene
-from gscpe.scene.turned import Y_AND_Z_NEGATED, turned
+from gscpe.splats import GaussianScene
+from gscpe.splats.turned import Y_AND_Z_NEGATED, turned
 
 CAMERA = room_camera(240, 180)
 POSES = [

@@ -21,8 +21,10 @@ from gscpe.mapping import (
     map_without_references,
     scene_from_rgbd,
 )
-from gscpe.scene import GaussianScene, Map, References, open_map, save_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import Map, References, open_map, save_map
 from gscpe.scene.moved import move_references
+from gscpe.splats import GaussianScene
 
 CAMERA = room_camera(240, 180)
 POSES = [se3.exp([0.04 * i - 0.04, 0, 0, 0, 0.02 * i, 0]) @ ROOM_POSE for i in range(3)]

@@ -24,7 +24,8 @@ from gscpe.matching import (
     make_matcher,
 )
 from gscpe.models import InstalledFile, installed_files
-from gscpe.scene import save_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import save_map
 
 
 def with_states(monkeypatch: pytest.MonkeyPatch, **states: str) -> None:

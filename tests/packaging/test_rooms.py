@@ -43,8 +43,8 @@ def imported(path: Path) -> list[str]:
 def test_evaluation_needs_no_map() -> None:
     """Poses and errors can be evaluated without what finds poses, makes maps or renders."""
     rooms = needed_rooms("evaluation")
-    assert {"evaluation", "geometry", "scene", "errors"} <= rooms
-    assert rooms <= {"arrays", "errors", "evaluation", "geometry", "interrupts", "scene"}
+    assert {"evaluation", "geometry", "poses", "errors"} <= rooms
+    assert rooms <= {"arrays", "errors", "evaluation", "geometry", "photos", "poses"}
 
 
 def test_imports_are_followed_to_their_end() -> None:

@@ -20,9 +20,9 @@ from walks import WALK_CAMERA, walk_poses, write_jpeg, write_walk
 
 from gscpe.errors import OutputError, PhotoError, ReconstructionError
 from gscpe.geometry.projection import project
+from gscpe.poses import write_pose_file
 from gscpe.reconstruction import Reconstruction, ReconstructionSettings, ScaleSource, reconstruct
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.poses import write_pose_file
 
 COUNT = 9
 

@@ -19,6 +19,7 @@ from gscpe.errors import PoseError, ReconstructionError, SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.pose_error import rotation_angle_degrees
 from gscpe.geometry.similarity_transform import Similarity
+from gscpe.poses import read_pose_file, write_pose_file
 from gscpe.reconstruction import (
     KnownPoses,
     PoseRefinementSettings,
@@ -29,7 +30,6 @@ from gscpe.reconstruction.epipolar import sampson_distances
 from gscpe.reconstruction.pose_adjustment import Bounds, adjust_poses
 from gscpe.scene.colmap_database import set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.poses import read_pose_file, write_pose_file
 
 Poses = dict[str, NDArray[np.float64]]
 

@@ -16,6 +16,8 @@ from gscpe.errors import ReconstructionError, SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.geometry.up import common_up
+from gscpe.photos.gps import gps_from_exif, local_metres
+from gscpe.poses import write_pose_file
 from gscpe.reconstruction.frame import levelled
 from gscpe.reconstruction.scale import (
     ScaleSource,
@@ -23,8 +25,6 @@ from gscpe.reconstruction.scale import (
     scaled_like_gps,
     scaled_like_poses,
 )
-from gscpe.scene.gps import gps_from_exif, local_metres
-from gscpe.scene.poses import write_pose_file
 
 ORIGIN = np.array([47.3769, -8.5417, 408.0])
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera
 
 from gscpe.geometry import Camera, se3
+from gscpe.photos import luminance
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
-from gscpe.scene import luminance
 
 CAMERA = room_camera(160, 120)
 VALID = np.ones((120, 160), dtype=bool)

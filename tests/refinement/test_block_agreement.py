@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera
 
 from gscpe.geometry import se3
+from gscpe.photos import luminance
 from gscpe.refinement import LucasKanadeSettings
 from gscpe.refinement.agreement import BlockAgreement, block_agreement, photometric_agreement
 from gscpe.refinement.lucas_kanade import build_template
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.uncertainty import blocks_of
-from gscpe.scene import luminance
 
 CAMERA = room_camera(160, 120)
 STEP = np.array([0.03, -0.02, 0.04, 0.01, -0.02, 0.05])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.geometry import se3
+from gscpe.photos import luminance
 from gscpe.refinement import (
     LucasKanadeSettings,
     VisibilitySettings,
@@ -27,7 +28,6 @@ from gscpe.refinement.products import (
 )
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.visibility import visibility_mask
-from gscpe.scene import luminance
 
 pytest.importorskip("numba")
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.geometry import pose_difference, se3
+from gscpe.photos import Photo
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.refinement import light as refinement_light
 from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
-from gscpe.scene import Photo
 
 CAMERA = room_camera(240, 180)
 CLIPPING = ClippingSettings()

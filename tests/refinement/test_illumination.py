@@ -10,6 +10,7 @@ from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.errors import SettingsError
 from gscpe.geometry import pose_difference, se3
+from gscpe.photos import Photo, luminance
 from gscpe.refinement import (
     IlluminationSettings,
     LightSettings,
@@ -17,7 +18,6 @@ from gscpe.refinement import (
     refine_pose,
 )
 from gscpe.refinement.illumination import fit_illumination
-from gscpe.scene import Photo, luminance
 
 CAMERA = room_camera(320, 240)
 SETTINGS = IlluminationSettings()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gscpe.geometry import Camera
 from gscpe.geometry.projection import pixel_centres, project, unproject
+from gscpe.photos import luminance
 from gscpe.refinement.pyramid import (
     anchor_pyramid,
     halve_all,
@@ -19,7 +20,6 @@ from gscpe.refinement.pyramid import (
     halve_mean,
     photo_pyramid,
 )
-from gscpe.scene import luminance
 
 SIZES = [(64, 48), (61, 47), (60, 47), (61, 48), (13, 9)]
 

@@ -13,9 +13,9 @@ from scenes import ROOM_POSE, RayCastRenderer, room, room_camera, scaled_pose
 
 from gscpe.errors import SettingsError
 from gscpe.geometry import PoseDifference, pose_difference, se3
+from gscpe.photos import Photo
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.render import RenderedView
-from gscpe.scene import Photo
 
 CAMERA = room_camera(240, 180)
 STEP = np.array([0.03, -0.02, 0.04, 0.01, -0.02, 0.015])

@@ -17,6 +17,7 @@ from scenes import ROOM_POSE, away_from_creases, room, room_camera
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from gscpe.geometry import se3
+from gscpe.photos import luminance
 from gscpe.refinement.lucas_kanade import (
     Alignment,
     LucasKanadeSettings,
@@ -32,7 +33,6 @@ from gscpe.refinement.uncertainty import (
     UncertaintySettings,
     pose_uncertainty,
 )
-from gscpe.scene import luminance
 
 CAMERA = room_camera(160, 120)
 SOLVER = LucasKanadeSettings()

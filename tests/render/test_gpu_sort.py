@@ -16,7 +16,7 @@ from gscpe.render import DriverInfo, driver_info, gl_rasterizer
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.gpu_sort import GL_NEEDED, pays_on
 from gscpe.render.visibility_order import VisibilityOrder, depth_order, view_depths
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 FACING_AWAY = np.diag([-1.0, 1.0, -1.0, 1.0])
 

@@ -16,7 +16,7 @@ from gscpe.geometry import Camera
 from gscpe.render import RenderedView, driver_info, gpu_tiles
 from gscpe.render.gl_rasterizer import GlRasterizer
 from gscpe.render.gpu_sort import GL_NEEDED
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 FACING_AWAY = np.diag([-1.0, 1.0, -1.0, 1.0])
 

@@ -15,7 +15,7 @@ from gscpe.geometry import Camera
 from gscpe.geometry.projection import project
 from gscpe.geometry.se3 import inverse
 from gscpe.render import RenderedView, Renderer
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 CAMERAS = {
     "centred": simple_camera(64, 48),

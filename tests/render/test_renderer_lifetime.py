@@ -31,7 +31,7 @@ from gscpe.render import (
     shader_source,
 )
 from gscpe.render.cpu_rasterizer import CpuRasterizer
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 FACING_AWAY = np.diag([-1.0, 1.0, -1.0, 1.0])
 

@@ -22,7 +22,7 @@ from gscpe.errors import RenderError
 from gscpe.render import Renderer
 from gscpe.render.context import check_errors
 from gscpe.render.gl_rasterizer import GlRasterizer
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkContext, SpawnContext

@@ -16,7 +16,7 @@ from gscpe.errors import ClosedError, RenderError
 from gscpe.geometry import se3
 from gscpe.render import RenderedView, Renderer, driver_info
 from gscpe.render.context import create_context
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 THREADS = 8
 CAMERAS = [simple_camera(60 + 7 * i, 50 + 3 * i) for i in range(6)]

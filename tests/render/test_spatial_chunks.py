@@ -14,7 +14,7 @@ from gscpe.geometry import Camera
 from gscpe.render.cpu_rasterizer import CpuRasterizer
 from gscpe.render.spatial_chunks import SpatialChunks, morton_order
 from gscpe.render.splatting import SlopeLimits, sigmas_in_sight
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -17,7 +17,7 @@ from gscpe.geometry import Camera
 from gscpe.geometry.projection import project, transform_points
 from gscpe.render.splatting import SlopeLimits
 from gscpe.render.visibility_order import VisibilityOrder
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -27,13 +27,13 @@ from gscpe.evaluation import SceneRun
 from gscpe.geometry import pose_difference, se3
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.matching import SiftMatcher
+from gscpe.poses.hloc import format_pose, parse_pose
 from gscpe.report import ReportSettings, write_report
 from gscpe.report.curves import cumulative_curves
 from gscpe.report.ground import choose_ground_plane
 from gscpe.report.query_pictures import draw_query
 from gscpe.report.selection import select_queries
 from gscpe.report.svg import element, log_axis, round_down, round_up
-from gscpe.scene.poses.hloc import format_pose, parse_pose
 
 VOID = {"meta", "img", "input", "br", "link", "hr"}
 MATCHER = SiftMatcher()

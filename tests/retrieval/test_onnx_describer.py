@@ -15,8 +15,9 @@ from helpers import some_map
 from scenes import room_camera
 
 from gscpe.errors import MapError, ModelError, SettingsError
+from gscpe.photos import Photo
 from gscpe.retrieval import OnnxDescriber, describe_references, open_describer
-from gscpe.scene import GlobalDescriptors, Photo, open_map, save_map
+from gscpe.scene import GlobalDescriptors, open_map, save_map
 
 onnx = pytest.importorskip("onnx", reason="onnx is an optional package (extra: models)")
 pytest.importorskip("onnxruntime", reason="onnxruntime has no wheel here")

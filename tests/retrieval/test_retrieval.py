@@ -14,6 +14,7 @@ from scenes import ROOM_POSE, room, room_camera
 
 from gscpe.errors import MapError, SettingsError
 from gscpe.geometry import se3
+from gscpe.photos import Photo, to_photo
 from gscpe.retrieval import (
     VocabularySettings,
     aggregate,
@@ -23,7 +24,6 @@ from gscpe.retrieval import (
     rootsift,
     search,
 )
-from gscpe.scene import Photo, to_photo
 
 CAMERA = room_camera(160, 120)
 SETTINGS = VocabularySettings(words=16)

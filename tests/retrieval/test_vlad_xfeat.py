@@ -21,8 +21,9 @@ from gscpe.errors import MapError, MissingDependencyError, ModelError, SettingsE
 from gscpe.features import XFeat, XFeatFeatures
 from gscpe.geometry import se3
 from gscpe.mapping import MapSettings
+from gscpe.photos import Photo, to_photo
 from gscpe.retrieval import VladDescriber, describe_references, open_describer, xfeat
-from gscpe.scene import GlobalDescriptors, Map, Photo, open_map, save_map, to_photo
+from gscpe.scene import GlobalDescriptors, Map, open_map, save_map
 
 CAMERA = room_camera(160, 120)
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from gscpe.errors import CameraError, ColmapModelError
 from gscpe.geometry import Camera
-from gscpe.scene import write_image
+from gscpe.photos import write_image
+from gscpe.poses import write_colmap_folder
+from gscpe.poses.hloc import format_pose
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.poses import write_colmap_folder
-from gscpe.scene.poses.hloc import format_pose
 
 Poses = dict[str, NDArray[np.float64]]
 

@@ -17,10 +17,11 @@ from helpers import assert_same_map, random_scene, some_map
 
 from gscpe.cli.main import main
 from gscpe.errors import MapError, MissingDependencyError, OutputError
-from gscpe.scene import GaussianScene, Map, MapFrame, compression, open_map, save_map
-from gscpe.scene.compression import outliers
+from gscpe.scene import Map, MapFrame, open_map, save_map
 from gscpe.scene.map_folder import check_map_output
-from gscpe.scene.spz import encode_spz
+from gscpe.splats import GaussianScene, compression
+from gscpe.splats.compression import outliers
+from gscpe.splats.spz import encode_spz
 
 pytest.importorskip("gaussforge", reason="gaussforge is an optional package")
 

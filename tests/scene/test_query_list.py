@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gscpe.errors import QueryListError
 from gscpe.geometry import Camera
-from gscpe.scene import write_image
+from gscpe.photos import write_image
 from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_query_list
 
 GOOD = "PINHOLE 640 480 525.505 525.505 320 240"

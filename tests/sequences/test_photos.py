@@ -10,7 +10,7 @@ import pytest
 
 from gscpe.errors import CameraError, QueryListError, SequenceError, SettingsError
 from gscpe.geometry import Camera
-from gscpe.scene import write_image
+from gscpe.photos import write_image
 from gscpe.sequences import open_frames
 from gscpe.sequences.times import in_natural_order, times_of_names
 

@@ -16,7 +16,7 @@ from serving import Serving, serving
 
 from gscpe.batch import shelf_order
 from gscpe.geometry import pose_difference, se3
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.poses.hloc import parse_pose
 from gscpe.service.limits import Limits
 from gscpe.service.service import Service, ServiceSettings
 

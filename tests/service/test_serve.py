@@ -24,8 +24,8 @@ from test_parts import png_bomb
 from gscpe import CameraError, Client, MapError, PhotoError, PoseError, PosePrior, ServiceError
 from gscpe.batch import shelf_order
 from gscpe.cli.main import main
-from gscpe.scene.image_file import decode_image
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.photos.image_file import decode_image
+from gscpe.poses.hloc import parse_pose
 from gscpe.service.limits import Limits
 from gscpe.service.service import Service, ServiceSettings
 

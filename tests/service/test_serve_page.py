@@ -15,7 +15,7 @@ from serving import Serving, serving
 
 from gscpe.batch import shelf_order
 from gscpe.geometry import pose_difference
-from gscpe.scene.poses.hloc import parse_pose
+from gscpe.poses.hloc import parse_pose
 from gscpe.service.service import Service, ServiceSettings
 
 pytestmark = needs_browser("fastapi")

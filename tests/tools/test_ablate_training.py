@@ -12,7 +12,7 @@ import pytest
 from scenes import ROOM_POSE, room, room_camera, write_colmap_model
 
 from gscpe.geometry import se3
-from gscpe.scene import write_image
+from gscpe.photos import write_image
 
 pytest.importorskip("numba")
 pytest.importorskip("pycolmap")

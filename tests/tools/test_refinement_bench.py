@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, RayCastRenderer, World, room, room_camera
 
 from gscpe.geometry import Camera, pose_difference, se3
+from gscpe.photos import Photo
 from gscpe.refinement import RefinementSettings, refine_pose
 from gscpe.render import RenderedView
-from gscpe.scene import Photo
 
 Tool = Callable[[str], Any]
 

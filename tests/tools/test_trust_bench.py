@@ -14,8 +14,9 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.geometry import se3
 from gscpe.localization import VerificationSettings
-from gscpe.scene import save_map, write_image
-from gscpe.scene.poses.hloc import format_pose
+from gscpe.photos import write_image
+from gscpe.poses.hloc import format_pose
+from gscpe.scene import save_map
 
 PLACES = """
 [[place]]

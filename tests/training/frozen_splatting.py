@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from numpy_compositor import LOW_PASS, MAX_ALPHA, MIN_ALPHA, NEAR, harmonics, rotation_from
 
 from gscpe.geometry import Camera
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ from scenes import write_colmap_model
 from test_train import shots
 
 from gscpe.cli.main import main
-from gscpe.scene import read_image, read_splat, write_image
+from gscpe.photos import read_image, write_image
+from gscpe.splats import read_splat
 from gscpe.training.trainer import Trainer
 
 

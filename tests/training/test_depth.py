@@ -15,7 +15,7 @@ from gscpe.errors import SettingsError, TrainingError
 from gscpe.geometry import se3
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.render import RenderedView, Renderer
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 pytest.importorskip("numba")
 

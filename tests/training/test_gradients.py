@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gscpe.geometry import Camera, se3
 from gscpe.render import Renderer
 from gscpe.render.kernel_threads import KernelThreads
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 pytest.importorskip("numba")
 

@@ -12,7 +12,7 @@ from scenes import ROOM_POSE, room, room_camera, write_colmap_model
 from gscpe.errors import ColmapModelError
 from gscpe.geometry import se3
 from gscpe.geometry.neighbours import pairs_by_pose
-from gscpe.scene import write_image
+from gscpe.photos import write_image
 
 pytest.importorskip("numba")
 pytest.importorskip("pycolmap")

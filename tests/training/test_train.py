@@ -18,7 +18,8 @@ from scenes import ROOM_POSE, room, room_camera
 
 from gscpe.errors import CameraError, OutputError, PoseError, TrainingError
 from gscpe.geometry import se3
-from gscpe.scene import GaussianScene, Photo
+from gscpe.photos import Photo
+from gscpe.splats import GaussianScene
 
 pytest.importorskip("numba")
 

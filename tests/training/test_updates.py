@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gscpe.errors import SettingsError
 from gscpe.render.kernel_threads import KernelThreads
-from gscpe.scene import GaussianScene
+from gscpe.splats import GaussianScene
 
 pytest.importorskip("numba")
 

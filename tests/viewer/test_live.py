@@ -13,7 +13,8 @@ from viewing import detail, step
 from gscpe.cli.main import main
 from gscpe.geometry import se3
 from gscpe.geometry.pose_error import camera_centre
-from gscpe.scene import save_map, write_image
+from gscpe.photos import write_image
+from gscpe.scene import save_map
 from gscpe.viewer import Contents, Findings, Live, Viewer, contents_of
 
 

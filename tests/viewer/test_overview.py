@@ -15,8 +15,9 @@ from gscpe.cli.main import main
 from gscpe.errors import SettingsError
 from gscpe.geometry import Camera, se3
 from gscpe.geometry.projection import project, transform_points
-from gscpe.scene import read_image, save_map
-from gscpe.scene.poses import write_pose_file
+from gscpe.photos import read_image
+from gscpe.poses import write_pose_file
+from gscpe.scene import save_map
 from gscpe.viewer import Findings, OverviewSettings, contents_of, overview
 from gscpe.viewer.cameras import COLOURS, frustum_corners
 from gscpe.viewer.overview import overview_pose

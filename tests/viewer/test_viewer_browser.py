@@ -17,7 +17,7 @@ from viewing import complaints, near, picture, viewing_chromium, wait_until
 from gscpe.geometry import se3
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import transform_points
-from gscpe.scene import write_image
+from gscpe.photos import write_image
 from gscpe.viewer import Contents, Findings, Viewer, contents_of
 from gscpe.viewer.cameras import COLOURS, Viewpoint, frustum_corners
 

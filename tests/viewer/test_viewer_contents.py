@@ -18,9 +18,9 @@ from gscpe.errors import InputError, PoseError, SettingsError
 from gscpe.geometry import Camera, se3
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import project, transform_points
-from gscpe.scene.poses import write_pose_file
-from gscpe.scene.poses.hloc import format_pose
-from gscpe.scene.poses.tum import format_tum
+from gscpe.poses import write_pose_file
+from gscpe.poses.hloc import format_pose
+from gscpe.poses.tum import format_tum
 from gscpe.viewer import Findings, contents_of, read_findings
 from gscpe.viewer.cameras import (
     ShownCamera,
@@ -313,7 +313,7 @@ def test_files(tmp_path: Path) -> None:
 def test_photos_are_found_in_the_first_folder_that_has_them(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    from gscpe.scene import write_image
+    from gscpe.photos import write_image
 
     image: NDArray[np.uint8] = rng.integers(0, 255, (48, 64, 3), dtype=np.uint8)
     write_image(tmp_path / "one" / "a.png", image)

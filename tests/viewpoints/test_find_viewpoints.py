@@ -19,9 +19,11 @@ from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import Localizer, LocalizerSettings
+from gscpe.photos import to_uint8
 from gscpe.render import Renderer
-from gscpe.scene import GaussianScene, Map, open_map, save_map, to_uint8
+from gscpe.scene import Map, open_map, save_map
 from gscpe.scene.moved import move_scene
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints import Viewpoints, ViewpointSettings, find_viewpoints
 
 CAMERA = Camera.pinhole(240, 180, fx=200.0, fy=200.0, cx=120.0, cy=90.0)
