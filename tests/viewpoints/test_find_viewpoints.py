@@ -168,14 +168,14 @@ def test_haze_and_a_line_have_no_viewpoint() -> None:
     count = 1000
     haze = GaussianScene(
         means=rng.uniform(-1, 1, (count, 3)).astype(np.float32),
-        quaternions=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        quaternions=np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (count, 1)),
         scales=np.full((count, 3), 0.15, dtype=np.float32),
         opacities=np.full(count, 0.05, dtype=np.float32),
         sh=rng.normal(size=(count, 1, 3)).astype(np.float32),
     )
     with pytest.raises(MapError, match="no viewpoint"):
         find_viewpoints(haze, SETTINGS)
-    line = replace(haze, means=haze.means * np.float32([1, 0, 0]))
+    line = replace(haze, means=haze.means * np.array([1, 0, 0], dtype=np.float32))
     with pytest.raises(MapError, match="no viewpoint"):
         find_viewpoints(line, SETTINGS)
 
