@@ -27,7 +27,7 @@ COLOURS: Mapping[Kind, tuple[int, int, int]] = {
 }
 
 TITLES: Mapping[Kind, str] = {
-    "reference": "reference photo",
+    "reference": "reference",
     "truth": "true pose",
     "coarse": "coarse pose",
     "aligned": "aligned pose",

@@ -267,7 +267,7 @@ def test_many_cameras_are_thinned_and_the_page_says_so(rng: np.random.Generator)
     assert "5 of 20 reference photos" in text
     assert "&lt;b&gt;" in text
     assert "draws the 10" in text
-    assert "reference photo (5)" in legend_html(contents)
+    assert "reference (5)" in legend_html(contents)
     with pytest.raises(SettingsError):
         contents_of(map_, most_cameras=0)
 
