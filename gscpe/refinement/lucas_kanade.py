@@ -30,6 +30,10 @@ from gscpe.refinement.robust import TUKEY_CUTOFF, robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
 
 
+_MOST_ALIKE = 0.75
+"""Factor from one step to the next beyond which nothing is extrapolated."""
+
+
 @dataclass(frozen=True)
 class LucasKanadeSettings:
     """Settings of the solver at one pyramid level.
@@ -44,6 +48,9 @@ class LucasKanadeSettings:
         min_noise: lower bound of the robust scale, luminance in [0, 1].
         gain_and_bias: solve for them; else photo and render are compared as they are.
         robust: Tukey's weights; else all residuals count alike.
+        extrapolate: go on at the end by the steps that would still follow. Steps shrink by about
+            the same factor each, since the anchor's gradients are not the photo's, so that a
+            level may end sooner.
     """
 
     max_iterations: int = 20
@@ -53,6 +60,7 @@ class LucasKanadeSettings:
     min_noise: float = 1.0 / 255.0
     gain_and_bias: bool = True
     robust: bool = True
+    extrapolate: bool = False
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1 or self.min_pixels < 8 or self.max_template_pixels < 8:
@@ -190,6 +198,7 @@ def align(
         iterated: is told the pose, (4, 4), after each iteration.
     """
     converged, iterations = False, 0
+    before: Float64Array | None = None
     while True:
         residuals, usable = residuals_of(template, photo, photo_from_anchor, gain, bias)
         if np.count_nonzero(usable) < settings.min_pixels:
@@ -209,6 +218,11 @@ def align(
             iterated(photo_from_anchor)
         moved = np.sqrt(step[:6] @ template.motion @ step[:6])
         converged = bool(moved < settings.converged_pixels)
+        if settings.extrapolate:
+            if converged and before is not None:
+                rest = _rest_of_steps(before, step, template.motion)
+                photo_from_anchor = photo_from_anchor @ se3.exp(-rest * step[:6])
+            before = step
     return Alignment(
         photo_from_anchor=photo_from_anchor,
         gain=float(gain),
@@ -219,6 +233,13 @@ def align(
         iterations=iterations,
         converged=converged,
     )
+
+
+def _rest_of_steps(before: Float64Array, step: Float64Array, motion: Float64Array) -> float:
+    """What follows a step, as a multiple of it: the sum of a geometric series, whose factor is the
+    step's part along the one before (Aitken). 0 where the steps do not shrink that way."""
+    factor = float(step[:6] @ motion @ before[:6]) / float(before[:6] @ motion @ before[:6])
+    return factor / (1.0 - factor) if 0.0 < factor < _MOST_ALIKE else 0.0
 
 
 def _normal_equations(

@@ -51,7 +51,7 @@ def aligned_between(
     if farther > min(settings.farthest_pixels, _FARTHER * distance):
         return followed
     alignment = align(
-        other.template,
+        other.judged,
         frame.levels[0],
         pose @ se3.inverse(other.cam_from_world),
         followed.alignment.gain,

@@ -74,16 +74,18 @@ class TrackingSettings:
     wait: bool = False
     scale: float = 1.0
     levels: int = 4
-    template_pixels: int = 30_000
+    template_pixels: int = 20_000
     coarse_pixels: int = 5_000
-    judged_pixels: int = 20_000
-    anchor_pixels: float = 6.0
+    judged_pixels: int = 10_000
+    anchor_pixels: float = 8.0
     farthest_pixels: float = 40.0
     anchors: int = 4
     patience: int = 3
     kept_frames: int = 60
     solver: LucasKanadeSettings = field(
-        default_factory=lambda: LucasKanadeSettings(max_iterations=40, converged_pixels=0.03)
+        default_factory=lambda: LucasKanadeSettings(
+            max_iterations=40, converged_pixels=0.04, extrapolate=True
+        )
     )
     visibility: VisibilitySettings = field(default_factory=lambda: VisibilitySettings(views=0))
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)

@@ -9,7 +9,9 @@ a pixel is about 11 mm. What is left of the error without noise is bilinear inte
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -173,3 +175,30 @@ def test_photos_that_hardly_overlap_give_nothing() -> None:
     assert template is not None
     for step in ([0, 0, 0, 0, 1.2, 0], [0, 0, -5.0, 0, 0, 0], [0, 0, 0, 0, np.pi, 0]):
         assert align(template, photos[0], se3.exp(step), 1.0, 0.0, SETTINGS) is None
+
+
+def test_extrapolated_steps_end_nearer() -> None:
+    """A blurred photo's steps shrink slowly; what is left where they end early is foreseen."""
+    photo = cv2.GaussianBlur(grey(ANCHOR), (0, 0), 2.5)
+    anchors = anchor_pyramid(grey(ANCHOR), ANCHOR.depth, away_from_creases(ANCHOR), CAMERA, 0, 3)
+    photos = photo_pyramid(photo, np.ones(photo.shape, bool), CAMERA, 0)
+    template = build_template(anchors[0], SETTINGS)
+    assert template is not None
+
+    def end(start: NDArray[np.float64], **changed: Any) -> Alignment:
+        settings = replace(SETTINGS, max_iterations=100, **changed)
+        found = align(template, photos[0], start, 1.0, 0.0, settings)
+        assert found is not None
+        assert found.converged
+        return found
+
+    left: list[tuple[float, float]] = []
+    for step in some_steps(8):
+        start = se3.exp(0.5 * step)  # about 3 pixels
+        best = end(start, converged_pixels=1e-3).photo_from_anchor
+        both = (end(start, converged_pixels=0.2, extrapolate=each) for each in (True, False))
+        ended = [pose_difference(found.photo_from_anchor, best).distance for found in both]
+        left.append((ended[0], ended[1]))
+    with_, without = np.array(left).T
+    assert np.median(with_) < 0.6 * np.median(without)
+    assert with_.max() < without.max()
