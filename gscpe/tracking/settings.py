@@ -97,10 +97,10 @@ class TrackingSettings:
         return cls(
             wait=wait,
             scale=0.5,
-            template_pixels=10_000,
+            template_pixels=7_500,
             coarse_pixels=3_000,
-            judged_pixels=10_000,
-            anchor_pixels=5.0,
+            judged_pixels=5_000,
+            anchor_pixels=6.0,
             farthest_pixels=18.0,
         )
 
