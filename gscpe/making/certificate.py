@@ -14,7 +14,7 @@ from tqdm import tqdm
 from gscpe.arrays import Float32Array, Float64Array
 from gscpe.errors import MapError
 from gscpe.evaluation.text import degrees_text, length_text
-from gscpe.geometry.pose_error import pose_difference
+from gscpe.geometry.pose_error import camera_centres, pose_difference
 from gscpe.localization import Localizer
 from gscpe.making.settings import CertificateSettings
 from gscpe.photos import Photo, read_image_of, to_photo
@@ -289,7 +289,7 @@ def _psnr(x: Float32Array, y: Float32Array) -> float:
 
 def _scene_size(learned: Float64Array, left_out: References, depths: Sequence[float]) -> float:
     poses = np.concatenate([learned, left_out.cam_from_world])
-    centres = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+    centres = camera_centres(poses)
     apart = max(float(np.linalg.norm(centres - centre, axis=1).max()) for centre in centres)
     return max(apart, float(np.median(depths)) if depths else 0.0, 1e-12)
 
