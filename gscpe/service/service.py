@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Awaitable, Mapping
 
 from gscpe.batch.choose import workers_for
-from gscpe.batch.processes import Start
+from gscpe.batch.in_process import Start
 from gscpe.batch.shelf import ShelfOrder, shelf_bytes
 from gscpe.closing import Closing
 from gscpe.cores import available_cores
