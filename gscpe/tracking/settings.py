@@ -91,7 +91,7 @@ class TrackingSettings:
 
     @classmethod
     def fast(cls, wait: bool = False) -> TrackingSettings:
-        """For frames of half the size: twice as fast, and less exact."""
+        """For frames of half the size: faster, and less exact."""
         return cls(
             wait=wait,
             scale=0.5,
