@@ -11,7 +11,7 @@ from gscpe.refinement import LucasKanadeSettings, UncertaintySettings, Visibilit
 
 @dataclass(frozen=True)
 class TrustSettings:
-    """What a frame must show, so that its pose is reported (measured: docs/tracking.md).
+    """What a frame must show, so that its pose is reported (measured: docs/benchmarks.md).
 
     Attributes:
         min_agreement: correlation of anchor and frame, mean over blocks of the picture.
