@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
@@ -39,8 +38,6 @@ from gscpe.photos.photo import resized_photo
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import Map, open_map
 from gscpe.splats import GaussianScene
-
-_log = logging.getLogger(__name__)
 
 _LEAST_SIDE = 48  # of a photo, pixels
 
