@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from gscpe.batch.processes import Talk
+from gscpe.batch.in_process import Talk
 from gscpe.errors import PhotoError, RenderError
 from gscpe.service.desk import DECODED, DECODING, LocalizeJob
 from gscpe.service.problem import problem_of

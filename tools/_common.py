@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,3 +121,13 @@ def save_figure(figure: Any, path: Path, top: float = 1.0) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.tight_layout(rect=(0.0, 0.0, 1.0, top))
     figure.savefig(path, metadata={"Software": None})
+
+
+def peak_bytes() -> float:
+    """What this process held at most so far. On Linux, processes that started it do not count."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        unit = 1 if sys.platform == "darwin" else 1024
+        return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return 1024.0 * float(line.split()[1])

@@ -39,7 +39,8 @@ from gscpe import read_splat
 from gscpe.errors import GscpeError
 from gscpe.evaluation.table import Table, to_json, to_latex, to_markdown, to_text
 from gscpe.evaluation.text import number_text, share_text
-from gscpe.making.certificate import Certificate, certify
+from gscpe.making.certificate import Certificate
+from gscpe.making.certify import certify
 from gscpe.making.settings import CertificateSettings
 from gscpe.photos.photo import resized_photo
 from gscpe.scene import Map

@@ -23,7 +23,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _common import Case, error_of, progress, read_cases, redkitchen, table
+from _common import Case, error_of, peak_bytes, progress, read_cases, redkitchen, table
 
 from gscpe.batch import Building, OnePhoto, Shelf, shelf_order
 from gscpe.geometry.projection import project, transform_points
@@ -124,7 +124,7 @@ def look(
             f"{shelf.seconds / max(1, opened):.2f}",
             f"{total / len(cases):.2f}",
             f"{shelf.most} maps",
-            f"{most_resident():.0f}",
+            f"{peak_bytes() / 1e6:.0f}",
         ], wrong
 
 
@@ -158,12 +158,6 @@ def room(map_: Map, part: list[int], depth: float, images: Path) -> Map:
     fields = ("means", "quaternions", "scales", "opacities", "sh")
     scene = replace(map_.scene, **{name: getattr(map_.scene, name)[seen] for name in fields})
     return build_map(scene, references, images)
-
-
-def most_resident() -> float:
-    """Megabytes that this process has held at most so far."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1000
 
 
 if __name__ == "__main__":

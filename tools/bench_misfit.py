@@ -17,7 +17,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry import se3
-from gscpe.geometry.pose_error import camera_centre
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.mapping import FrameCheckSettings, measure_misfit
 from gscpe.mapping.frame_candidates import nerfstudio_normalization
@@ -33,7 +33,7 @@ def main() -> None:
     data = Path(os.environ["GSCPE_DATA"]) / "redkitchen"
     scene = read_splat(data / "splat.ply")
     references = read_colmap_references(data / "sparse" / "0", data / "references")
-    centres = np.array([camera_centre(pose) for pose in references.cam_from_world])
+    centres = camera_centres(references.cam_from_world)
     middle = centres.mean(axis=0)
 
     def about(scale: float = 1.0, degrees: float = 0.0, aside: float = 0.0) -> Similarity:

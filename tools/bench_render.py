@@ -18,7 +18,6 @@ import argparse
 import importlib.util
 import multiprocessing
 import os
-import resource
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import Any, Sequence
 
 import numpy as np
-from _common import new_figure, save_figure, table
+from _common import new_figure, peak_bytes, save_figure, table
 
 from gscpe import Camera, GaussianScene, Renderer, open_map, read_splat
 from gscpe.arrays import Float64Array
@@ -145,7 +144,7 @@ def _case(path: Path, count: int, backend: str, repeats: int) -> Case:
     _forget_peak_memory()
     with Renderer(scene, backend) as renderer:
         (milliseconds,) = _time((renderer,), camera, poses[:1], repeats)
-    return Case(milliseconds, in_view, _peak_megabytes())
+    return Case(milliseconds, in_view, peak_bytes() / 2**20)
 
 
 def _forget_peak_memory() -> None:
@@ -154,15 +153,6 @@ def _forget_peak_memory() -> None:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:
         return
-
-
-def _peak_megabytes() -> float:
-    status = Path("/proc/self/status")
-    if not status.exists():
-        unit = 2**20 if sys.platform == "darwin" else 2**10
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-    line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-    return float(line.split()[1]) / 1024
 
 
 def plot(

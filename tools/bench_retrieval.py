@@ -23,7 +23,6 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import resource
 import sys
 import time
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from typing import Callable, Iterator
 
 import cv2
 import numpy as np
-from _common import read_cases, redkitchen, table
+from _common import peak_bytes, read_cases, redkitchen, table
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from gscpe.errors import ModelError
@@ -293,7 +292,7 @@ def bench_index(count: int, dimension: int, probes: int) -> None:
         f"{count} descriptors of {dimension}, {os.cpu_count()} cores; queries are similar to "
         f"their reference by {alike:.2f}\n"
     )
-    rows = [["matrix product", "0", f"{milliseconds:.1f}", "1", "1", f"{memory():.1f}"]]
+    rows = [["matrix product", "0", f"{milliseconds:.1f}", "1", "1", f"{peak_bytes() / 1e9:.1f}"]]
     begin = time.perf_counter()
     index = ReferenceIndex(descriptors, IndexSettings(0, exact_queries=0, probes=probes))
     seconds = time.perf_counter() - begin
@@ -306,7 +305,7 @@ def bench_index(count: int, dimension: int, probes: int) -> None:
     three = np.mean([len({*a} & {*b}) / 3 for a, b in pairs])
     rows.append(
         [f"index, {probes} probes", f"{seconds:.0f}", f"{milliseconds:.1f}", f"{first:.2f}",
-         f"{three:.2f}", f"{memory():.1f}"]
+         f"{three:.2f}", f"{peak_bytes() / 1e9:.1f}"]
     )  # fmt: skip
     table(["search", "build s", "ms a query", "recall@1", "recall@3", "peak memory GB"], rows)
 
@@ -321,10 +320,6 @@ def timed(
         results.append(function(query))
         seconds.append(time.perf_counter() - begin)
     return results, 1000 * float(np.median(seconds))
-
-
-def memory() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
 if __name__ == "__main__":

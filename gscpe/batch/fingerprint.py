@@ -10,8 +10,7 @@ from typing import Mapping
 
 from gscpe.errors import MapError, ModelError
 from gscpe.localization import LocalizerSettings
-
-ONNX = "onnx:"
+from gscpe.matching.choose import ONNX
 
 
 @dataclass(frozen=True)

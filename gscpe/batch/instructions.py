@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Mapping, Sequence
 
 from gscpe.batch.fingerprint import (
-    ONNX,
     Fingerprint,
     map_fingerprint,
     maps_fingerprint,
     settings_fingerprint,
 )
 from gscpe.batch.priors import with_priors
-from gscpe.batch.shelf import ShelfOrder, shelf_order
+from gscpe.batch.shelf import ShelfOrder, chosen_matcher, shelf_order
 from gscpe.errors import SettingsError
 from gscpe.localization import LocalizerSettings, PosePrior
-from gscpe.matching import matcher_name
 
 TIMEOUT = 600.0
 """Seconds, hundreds of times what a photo takes: a worker that is slower hangs."""
@@ -88,7 +86,7 @@ class Instructions:
         settings = settings or LocalizerSettings()
         if settings.retrieval_model is not None:
             settings = replace(settings, retrieval_model=Path(settings.retrieval_model).absolute())
-        matcher = _chosen(matcher)
+        matcher = chosen_matcher(matcher)
         priors = priors or {}
         shelf = None
         if also:
@@ -107,10 +105,3 @@ class Instructions:
             timeout=timeout,
             shelf=shelf,
         )
-
-
-def _chosen(matcher: str) -> str:
-    """The name that "auto" stands for here, and absolute paths."""
-    if matcher.startswith(ONNX):
-        return f"{ONNX}{Path(matcher.removeprefix(ONNX)).absolute()}"
-    return matcher_name(matcher)

@@ -11,8 +11,9 @@ from typing import Iterator, Sequence
 
 from gscpe.batch.crew import Crew
 from gscpe.batch.details import Detail, failed_details
+from gscpe.batch.in_process import Answer
 from gscpe.batch.instructions import Instructions
-from gscpe.batch.processes import Answer, ProcessPool
+from gscpe.batch.processes import ProcessPool
 from gscpe.batch.start import start_worker
 from gscpe.cores import available_cores
 from gscpe.scene.query_list import Query

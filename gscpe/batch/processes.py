@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes that hold something large and work with it: started, talked to through a pipe, and
 replaced when they die or hang. Crews of batches and the service (gscpe.service) are made of them.
+What happens in them, and what goes through the pipe, is in gscpe.batch.in_process.
 """
 
 from __future__ import annotations
@@ -12,19 +13,16 @@ import multiprocessing
 import signal
 import threading
 import time
-import traceback
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pickle import UnpicklingError
-from typing import Any, Callable, Protocol, Sequence
+from typing import Any, Sequence
 
-from tqdm import tqdm
-
+from gscpe.batch.in_process import Message, Ready, Start, Stop, hold_and_work
 from gscpe.batch.worker import limited_threads
 from gscpe.closing import Closing
-from gscpe.errors import GscpeError, WorkerError, ran_out_of_memory
-from gscpe.interrupts import born_without_interrupts, ignore_interrupts
+from gscpe.errors import WorkerError
+from gscpe.interrupts import born_without_interrupts
 
 _log = logging.getLogger(__name__)
 
@@ -33,79 +31,6 @@ _STILLBORN = 3
 
 _PATIENCE = 5.0
 """Seconds that a process may take to end."""
-
-
-class Works(Protocol):
-    """What a process holds: made once, then given one job after the other."""
-
-    @property
-    def description(self) -> str:
-        """What renders, for people."""
-
-    def work(self, job: Any, talk: Talk) -> Any:
-        """The answer to a job; both can be pickled. Errors end the process."""
-
-    def close(self) -> None:
-        """Gives back what it holds."""
-
-
-Start = Callable[[], Works]
-"""Makes one, in the process; it can be pickled."""
-
-
-@dataclass(frozen=True)
-class Ready:
-    """The worker has opened what it needs."""
-
-    description: str
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a worker says while it works."""
-
-    news: Any
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Of a job."""
-
-    content: Any
-
-
-@dataclass(frozen=True)
-class Stop:
-    """To a worker: nobody waits for the answer any more."""
-
-
-class StoppedError(Exception):
-    """Raised in a worker where it looks whether it is to stop, and is."""
-
-
-Message = Ready | Told | Answer | Exception
-"""What comes from a worker. After an exception it has ended."""
-
-
-class Talk:
-    """A worker's connection to whoever gave it a job, while it works."""
-
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
-
-    def tell(self, news: Any) -> None:
-        """Says something before the answer."""
-        self._pipe.send(Told(news))
-
-    def stop_if_told(self) -> None:
-        """To be called now and then.
-
-        Raises:
-            StoppedError: the job was called off.
-            EOFError: there is nobody to work for any more.
-        """
-        if self._pipe.poll() and isinstance(self._pipe.recv(), Stop):
-            raise StoppedError
 
 
 class ProcessPool(Closing):
@@ -221,7 +146,7 @@ class ProcessWorker:
         self._seconds = timeout
         self.pipe, theirs = context.Pipe()
         self._process: SpawnProcess = context.Process(
-            target=_work, args=(theirs, start, quiet), name="gscpe-worker", daemon=True
+            target=hold_and_work, args=(theirs, start, quiet), name="gscpe-worker", daemon=True
         )
         with limited_threads(threads), born_without_interrupts():
             self._process.start()
@@ -321,43 +246,3 @@ class ProcessWorker:
         if self._process.is_alive():
             self._process.kill()
             self._process.join(_PATIENCE)  # one that waits for a disk cannot even be killed
-
-
-def _work(pipe: Connection, start: Start, quiet: bool) -> None:
-    """What the process does, until the other end of the pipe is closed."""
-    ignore_interrupts()
-    if quiet:
-        logging.getLogger("gscpe").setLevel(logging.ERROR)
-    # A lock between processes, as tqdm makes one, is lost with a process that is killed.
-    tqdm.set_lock(threading.RLock())
-    try:
-        with contextlib.closing(start()) as worker:
-            pipe.send(Ready(worker.description))
-            while True:
-                job = pipe.recv()
-                if isinstance(job, Stop):  # it came too late
-                    continue
-                try:
-                    answer = worker.work(job, Talk(pipe))
-                except StoppedError:
-                    answer = None
-                pipe.send(Answer(answer))
-    except (EOFError, ConnectionError):  # there is nobody to work for any more
-        return
-    except Exception as error:
-        if ran_out_of_memory(error):  # its cause would not be sent
-            error = MemoryError(str(error))
-        elif not isinstance(error, GscpeError):  # a mistake of the program: show where
-            error.add_note(traceback.format_exc())
-        with contextlib.suppress(ConnectionError):
-            pipe.send(_picklable(error))
-
-
-def _picklable(error: Exception) -> Exception:
-    from multiprocessing.reduction import ForkingPickler
-
-    try:
-        ForkingPickler.loads(ForkingPickler.dumps(error))
-    except Exception:  # any error at all may come of foreign classes
-        return RuntimeError("".join(traceback.format_exception(error)))
-    return error

@@ -15,6 +15,7 @@ from gscpe.closing import Closing
 from gscpe.errors import MapError
 from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.matching import matcher_name
+from gscpe.matching.choose import ONNX
 from gscpe.scene import open_map
 
 BYTES_A_GAUSSIAN = 1000
@@ -64,10 +65,22 @@ def shelf_order(
         folders=named,
         fingerprints={name: map_fingerprint(folder) for name, folder in named.items()},
         settings=settings or LocalizerSettings(),
-        matcher=matcher if matcher.startswith("onnx:") else matcher_name(matcher),
+        matcher=chosen_matcher(matcher),
         backend=backend,
         memory=memory,
     )
+
+
+def chosen_matcher(matcher: str) -> str:
+    """The name that "auto" stands for here, and the absolute path of an ONNX matcher: the same for
+    all who open maps, wherever they are started.
+
+    Raises:
+        SettingsError: there is no such matcher.
+    """
+    if matcher.startswith(ONNX):
+        return f"{ONNX}{Path(matcher.removeprefix(ONNX)).absolute()}"
+    return matcher_name(matcher)
 
 
 def named_maps(folders: list[str]) -> dict[str, Path]:

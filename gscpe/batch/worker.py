@@ -50,7 +50,7 @@ class QueryWorker(Closing):
         """What is found of a photo that was read, with the fingerprint of its file."""
 
     def work(self, job: Query, talk: object = None) -> Detail:
-        """As :meth:`localize`: a job of gscpe.batch.processes."""
+        """As :meth:`localize`: what :class:`gscpe.batch.in_process.Works` are given."""
         return self.localize(job)
 
     def localize(self, query: Query) -> Detail:

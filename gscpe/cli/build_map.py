@@ -132,39 +132,59 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    given = options.colmap is not None, options.images is not None
-    alone = options.no_references or options.virtual_references
-    if given != ((False, False) if alone else (True, True)):
-        options.parser.error(
-            "give --colmap and --images, or --no-references, or --virtual-references"
-        )
+    _check_options(options)
     settings = MapSettings(
         retrieval=options.retrieval,
         metres_per_unit=None if options.unknown_scale else options.metres_per_unit,
     )
-    if alone and (options.fit or options.transform):
-        options.parser.error("--fit and --transform move reference poses; there are none")
-    if options.poses_in != "splat" and not (options.fit or options.transform):
-        options.parser.error("--poses-in goes with --fit or --transform")
     moved_by = None if options.transform is None else read_transform(options.transform)
     check_map_output(options.output, compress=options.compress)
-    if (options.up or options.camera) and not options.virtual_references:
-        options.parser.error("--up and --camera go with --virtual-references")
-    if (alone or options.no_check) and may_have_other_axes(options.splat):
+    if (_is_alone(options) or options.no_check) and may_have_other_axes(options.splat):
         print(
             f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
             "they are stored (y and z may be negated against the .ply)",
             file=sys.stderr,
         )
     if options.no_references:
-        scene = read_splat(options.splat)
-        map_ = map_without_references(scene, settings.metres_per_unit)
-        save_map(map_, options.output, compress=options.compress)
-        print(f"{options.output}: {len(scene)} Gaussians, no reference photos")
-        return 0
+        return _without_references(settings, options)
+    check_method(settings.retrieval)
     if options.virtual_references:
         return _from_splat_alone(settings, options)
-    check_method(settings.retrieval)
+    return _from_splat_and_photos(settings, moved_by, options)
+
+
+def _check_options(options: argparse.Namespace) -> None:
+    """Ends the program where options do not go together."""
+    given = options.colmap is not None, options.images is not None
+    alone = _is_alone(options)
+    if given != ((False, False) if alone else (True, True)):
+        options.parser.error(
+            "give --colmap and --images, or --no-references, or --virtual-references"
+        )
+    if alone and (options.fit or options.transform):
+        options.parser.error("--fit and --transform move reference poses; there are none")
+    if options.poses_in != "splat" and not (options.fit or options.transform):
+        options.parser.error("--poses-in goes with --fit or --transform")
+    if (options.up or options.camera) and not options.virtual_references:
+        options.parser.error("--up and --camera go with --virtual-references")
+
+
+def _is_alone(options: argparse.Namespace) -> bool:
+    """Whether there is a splat without photos."""
+    return bool(options.no_references or options.virtual_references)
+
+
+def _without_references(settings: MapSettings, options: argparse.Namespace) -> int:
+    scene = read_splat(options.splat)
+    map_ = map_without_references(scene, settings.metres_per_unit)
+    save_map(map_, options.output, compress=options.compress)
+    print(f"{options.output}: {len(scene)} Gaussians, no reference photos")
+    return 0
+
+
+def _from_splat_and_photos(
+    settings: MapSettings, moved_by: Similarity | None, options: argparse.Namespace
+) -> int:
     references = read_colmap_references(options.colmap, options.images)
     scene = read_splat(options.splat)
     if not options.no_check:
@@ -203,7 +223,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int:
-    check_method(settings.retrieval)
     looked_for = ViewpointSettings(up=options.up)
     if options.camera is not None:
         looked_for = replace(looked_for, camera=Camera.parse(options.camera))

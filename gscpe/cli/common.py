@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Sequence
 
-from gscpe.batch import TIMEOUT
+from gscpe.batch import TIMEOUT, ShelfOrder, shelf_order
 from gscpe.errors import OutputError, SettingsError
+from gscpe.localization import LocalizerSettings
 from gscpe.report.comparison import strip_path
 
 if TYPE_CHECKING:  # argparse keeps the class private
@@ -101,6 +102,26 @@ def memory_bytes(options: argparse.Namespace) -> int | None:
     if not options.memory > 0:
         raise SettingsError(f"--memory must be positive, not {options.memory:g} GB")
     return int(min(1e9 * options.memory, 1e18))
+
+
+def localizer_settings(options: argparse.Namespace) -> LocalizerSettings:
+    """What the options of :func:`add_retrieval_model` say."""
+    return LocalizerSettings(retrieval_model=options.retrieval_model)
+
+
+def shelf_order_of(options: argparse.Namespace, maps: Sequence[str]) -> ShelfOrder:
+    """Several maps as ``--matcher``, ``--backend``, ``--memory`` and ``--retrieval-model`` say.
+
+    Raises:
+        GscpeError: as gscpe.batch.shelf_order and :func:`memory_bytes`.
+    """
+    return shelf_order(
+        list(maps),
+        localizer_settings(options),
+        options.matcher,
+        options.backend,
+        memory_bytes(options),
+    )
 
 
 def check_pictures(pictures: str | None, images: Path, names: Sequence[str]) -> None:

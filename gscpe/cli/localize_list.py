@@ -21,13 +21,18 @@ from gscpe.batch import (
     map_path,
     named_maps,
     read_priors,
-    shelf_order,
 )
-from gscpe.cli.common import check_pictures, memory_bytes, show_progress
+from gscpe.cli.common import (
+    check_pictures,
+    localizer_settings,
+    memory_bytes,
+    shelf_order_of,
+    show_progress,
+)
 from gscpe.cli.page import live_page, stay_after
 from gscpe.errors import OutputError, QueryListError
 from gscpe.geometry.camera import Camera
-from gscpe.localization import LocalizerSettings, PosePrior
+from gscpe.localization import PosePrior
 from gscpe.photos import read_image_of, write_image
 from gscpe.report.comparison import compare, strip_path
 from gscpe.scene import open_map
@@ -60,7 +65,7 @@ def localize_queries(options: argparse.Namespace) -> int:
     instructions = Instructions.of(
         options.map,
         options.images,
-        LocalizerSettings(retrieval_model=options.retrieval_model),
+        localizer_settings(options),
         options.matcher,
         options.backend,
         priors,
@@ -94,13 +99,7 @@ def localize_queries(options: argparse.Namespace) -> int:
 def _write_pictures(options: argparse.Namespace, details: Sequence[Mapping[str, Any]]) -> None:
     """Of all photos that can be read; after the batch, whose workers have no part in it."""
     folder, images = Path(options.pictures), Path(options.images)
-    order = shelf_order(
-        [options.map, *(options.also or ())],
-        LocalizerSettings(retrieval_model=options.retrieval_model),
-        options.matcher,
-        options.backend,
-        memory_bytes(options),
-    )
+    order = shelf_order_of(options, [options.map, *(options.also or ())])
     only = next(iter(order.folders))
     read = [detail for detail in details if detail["status"] != "failed"]
     read.sort(key=lambda detail: str(detail.get("map_name")))  # each map is opened once

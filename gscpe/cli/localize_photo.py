@@ -8,11 +8,17 @@ import sys
 from pathlib import Path
 from typing import Any, Mapping
 
-from gscpe.batch import Building, OnePhoto, OneResult, Shelf, localize_one, shelf_order
-from gscpe.cli.common import check_pictures, memory_bytes, print_json, show_progress
+from gscpe.batch import Building, OnePhoto, OneResult, Shelf, localize_one
+from gscpe.cli.common import (
+    check_pictures,
+    localizer_settings,
+    print_json,
+    shelf_order_of,
+    show_progress,
+)
 from gscpe.cli.page import live_page, stay_after
 from gscpe.geometry.camera import Camera
-from gscpe.localization import Localizer, LocalizerSettings, PosePrior
+from gscpe.localization import Localizer, PosePrior
 from gscpe.localization.result import deviations_text
 from gscpe.photos import write_image
 from gscpe.photos.image_file import photo_bytes
@@ -34,7 +40,7 @@ def localize_photo(options: argparse.Namespace) -> int:
     with (
         Localizer(
             map_,
-            LocalizerSettings(retrieval_model=options.retrieval_model),
+            localizer_settings(options),
             options.matcher,
             options.backend,
             show_progress(),
@@ -52,13 +58,7 @@ def localize_photo(options: argparse.Namespace) -> int:
 
 
 def _localize_in_several(options: argparse.Namespace, photo: OnePhoto) -> int:
-    order = shelf_order(
-        [options.map, *options.also],
-        LocalizerSettings(retrieval_model=options.retrieval_model),
-        options.matcher,
-        options.backend,
-        memory_bytes(options),
-    )
+    order = shelf_order_of(options, [options.map, *options.also])
     with Shelf(order) as shelf, Building(shelf) as building:
         placed = building.localize(photo)
         details = placed.as_json()

@@ -7,17 +7,16 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from gscpe.batch import ShelfOrder, shelf_order
+from gscpe.batch import ShelfOrder
 from gscpe.cli.common import (
     Commands,
     add_backend,
     add_matcher,
     add_retrieval_model,
-    memory_bytes,
     positive,
+    shelf_order_of,
 )
 from gscpe.errors import SettingsError
-from gscpe.localization import LocalizerSettings
 from gscpe.service.limits import Limits
 
 if TYPE_CHECKING:
@@ -112,13 +111,7 @@ def run(options: argparse.Namespace) -> int:
         raise SettingsError("give --certificate and --key together")
     token = None if options.token_file is None else read_token(options.token_file)
     check_exposure(options.host, token, options.insecure)
-    order = shelf_order(
-        options.maps,
-        LocalizerSettings(retrieval_model=options.retrieval_model),
-        options.matcher,
-        options.backend,
-        memory_bytes(options),
-    )
+    order = shelf_order_of(options, options.maps)
     settings = _settings(options, token, order)
     with listen(options.host, options.port) as socket, Service(order, settings) as service:
         server = make_server(service, options.certificate, options.key)

@@ -14,13 +14,14 @@ from gscpe.cli.common import (
     add_backend,
     add_matcher,
     add_retrieval_model,
+    localizer_settings,
     show_progress,
 )
 from gscpe.cli.page import add_live, check_live, live_page, stay_after
 from gscpe.cli.streams import say
 from gscpe.errors import GscpeError, OutputError, SequenceError
 from gscpe.following import Observes, Odometry, Overlay, Tally, TrackFiles, follow, read_odometry
-from gscpe.localization import Localizer, LocalizerSettings
+from gscpe.localization import Localizer
 from gscpe.poses.hloc import parse_pose
 from gscpe.scene import open_map
 from gscpe.sequences import Frames, open_frames, read_camera
@@ -143,7 +144,7 @@ def run(options: argparse.Namespace) -> int:
         localizer = stack.enter_context(
             Localizer(
                 open_map(options.map),
-                LocalizerSettings(retrieval_model=options.retrieval_model),
+                localizer_settings(options),
                 matcher=options.matcher,
                 backend=options.backend,
                 progress=show_progress(),

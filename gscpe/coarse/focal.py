@@ -10,6 +10,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.coarse.pnp import PnPSettings, cell_crowds, normal_equations, solve_observed
 from gscpe.coarse.ransac import sample_absolute_pose
+from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
@@ -37,6 +38,9 @@ class FocalSettings:
             wall looks the same from far away with a long lens as from nearby with a short one.
         principal_sigma: standard deviation of the principal point of such a camera, which is not
             estimated but taken to be the guess's, as a share of the focal length.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     widest: float = 0.5
@@ -47,6 +51,19 @@ class FocalSettings:
     min_inliers: int = 30
     max_relative_sigma: float = 0.03
     principal_sigma: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0 < self.widest <= 1 <= self.narrowest < np.inf or self.steps < 1:
+            raise SettingsError(
+                "focal lengths need widest in (0, 1], narrowest of at least 1 and steps >= 1, not "
+                f"{self.widest}, {self.narrowest} and {self.steps}"
+            )
+        if not (1 <= self.around < np.inf and 0 < self.ordinary < np.inf):
+            raise SettingsError("around is a factor of at least 1, ordinary a positive length")
+        if self.min_inliers < 1 or not self.max_relative_sigma > 0:
+            raise SettingsError("a focal length needs min_inliers >= 1 and max_relative_sigma > 0")
+        if not 0 <= self.principal_sigma < np.inf:
+            raise SettingsError(f"principal_sigma cannot be {self.principal_sigma}; 0 or more")
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry.alignment import umeyama
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.similarity_transform import Similarity
 
 Convention = Literal["inverted", "quaternion", "opengl"]
@@ -121,7 +122,7 @@ def _fit(poses: Float64Array, target: Float64Array, with_scale: bool) -> Similar
     The rotation that is nearest to those of all photos, and the medians of scale and shift; or
     the least squares of the half that fits best then, where that is better.
     """
-    a, b = _centres(poses), _centres(target)
+    a, b = camera_centres(poses), camera_centres(target)
     turns = np.swapaxes(target[:, :3, :3], 1, 2) @ poses[:, :3, :3]
     votes = turns[np.unique(np.linspace(0, len(turns) - 1, _VOTES).astype(int))]
     # |R - S|_F grows with the angle between two rotations.
@@ -145,19 +146,15 @@ def _cost(distance: float, degrees: float, spread: float) -> float:
 
 def _spread(poses: Float64Array) -> float:
     """The typical distance of the cameras from their middle; 1 where all are in one place."""
-    centres = _centres(poses)
+    centres = camera_centres(poses)
     distances = np.linalg.norm(centres - np.median(centres, axis=0), axis=1)
     size = float(np.median(distances))
     return size if size > 1e-9 * float(np.abs(centres).max(initial=1.0)) else 1.0
 
 
-def _centres(poses: Float64Array) -> Float64Array:
-    return np.asarray(-np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3]))
-
-
 def _medians(poses: Float64Array, target: Float64Array) -> tuple[float, float]:
     """As :func:`gscpe.geometry.pose_error.pose_difference` of each, for all at once."""
-    distances = np.linalg.norm(_centres(poses) - _centres(target), axis=1)
+    distances = np.linalg.norm(camera_centres(poses) - camera_centres(target), axis=1)
     half_sines = np.linalg.norm(poses[:, :3, :3] - target[:, :3, :3], axis=(1, 2)) / np.sqrt(8.0)
     angles = 2.0 * np.arcsin(np.minimum(1.0, half_sines))
     return float(np.median(distances)), float(np.degrees(np.median(angles)))
@@ -166,7 +163,7 @@ def _medians(poses: Float64Array, target: Float64Array) -> tuple[float, float]:
 def _inverted(poses: Float64Array) -> Float64Array:
     inverse = poses.copy()
     inverse[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
-    inverse[:, :3, 3] = _centres(poses)
+    inverse[:, :3, 3] = camera_centres(poses)
     return inverse
 
 

@@ -8,6 +8,7 @@ from typing import Iterable
 import numpy as np
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.pose_error import camera_centres
 
 _RIGHT_ANGLE = 0.5 * np.pi
 
@@ -21,7 +22,7 @@ def pairs_by_pose(cam_from_world: Float64Array, ranks: Iterable[int]) -> list[tu
         cam_from_world: (N, 4, 4).
         ranks: which of the nearest, from 0; for 0, 1, 3 the nearest, the second and the fourth.
     """
-    centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    centres = camera_centres(cam_from_world)
     spread = np.median(np.linalg.norm(centres - np.median(centres, axis=0), axis=1))
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) / max(float(spread), 1e-12)
     axes = cam_from_world[:, 2, :3]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far two camera poses are apart."""
+"""Where cameras are, and how far two of their poses are apart."""
 
 from __future__ import annotations
 
@@ -23,6 +23,12 @@ def camera_centre(cam_from_world: ArrayLike) -> Float64Array:
     """Where the camera is in the world, (3,), in its units."""
     cam_from_world = np.asarray(cam_from_world, dtype=np.float64)
     return np.asarray(-cam_from_world[:3, :3].T @ cam_from_world[:3, 3])
+
+
+def camera_centres(cam_from_world: ArrayLike) -> Float64Array:
+    """As :func:`camera_centre`, of many poses: (N, 3) of (N, 4, 4); N may be 0."""
+    poses = np.asarray(cam_from_world, dtype=np.float64).reshape(-1, 4, 4)
+    return np.asarray(-np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3]))
 
 
 def rotation_angle_degrees(rotation: ArrayLike) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import PoseError
-from gscpe.geometry.pose_error import rotation_angle_degrees
+from gscpe.geometry.pose_error import camera_centres, rotation_angle_degrees
 
 _ALTERNATIONS = 20
 _REWEIGHTINGS = 10
@@ -172,8 +172,8 @@ def fit_similarity_of_poses(
     poses = _Poses(
         a[:, :3, :3],
         b[:, :3, :3],
-        -np.einsum("nji,nj->ni", a[:, :3, :3], a[:, :3, 3]),
-        -np.einsum("nji,nj->ni", b[:, :3, :3], b[:, :3, 3]),
+        camera_centres(a),
+        camera_centres(b),
         lever,
     )
     least = floor * lever

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult, CoarseSettings, Round, match_render
+from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.beside import Beside
 from gscpe.localization.observer import Observer
@@ -36,6 +37,9 @@ class EasySettings:
         min_inlier_share: ... as a share of all, ...
         min_spread: ... and share of a 4x4 grid over the photo that must hold one: more than a
             half, so that no photo of which half is covered is easy.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     side: int = 240
@@ -43,6 +47,17 @@ class EasySettings:
     min_inliers: int = 60
     min_inlier_share: float = 0.5
     min_spread: float = 0.6
+
+    def __post_init__(self) -> None:
+        if not (self.side == 0 or self.side >= 16):
+            raise SettingsError(
+                f"easy photos are first looked at with 16 pixels or more (0: not at all), not side "
+                f"{self.side}"
+            )
+        if self.min_references < 0 or self.min_inliers < 1:
+            raise SettingsError("easy photos need min_references >= 0 and min_inliers >= 1")
+        if not (0 <= self.min_inlier_share <= 1 and 0 <= self.min_spread <= 1):
+            raise SettingsError("min_inlier_share and min_spread are shares: they lie in [0, 1]")
 
 
 def is_easy(first: Round, settings: EasySettings) -> bool:

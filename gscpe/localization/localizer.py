@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Iterator, Sequence
 
@@ -28,23 +26,18 @@ from gscpe.localization.light import trouble_with_light
 from gscpe.localization.matchers import Matchers
 from gscpe.localization.observer import Observer
 from gscpe.localization.places import Places
-from gscpe.localization.prepared import PreparedPhoto
-from gscpe.localization.result import NO_FEATURES, LocalizationResult
+from gscpe.localization.result import LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.stages import Stages
 from gscpe.localization.starts import PosePrior, Start
-from gscpe.localization.unknown_camera import estimate_camera, ordinary_camera
+from gscpe.localization.unknown_camera import UnknownCameras
 from gscpe.localization.verification import doubt_about_coarse
 from gscpe.matching import Matcher
 from gscpe.photos import Photo, to_photo
-from gscpe.photos.image_array import check_image
-from gscpe.photos.orientation import inverse_orientation, turned_camera
 from gscpe.photos.photo import resized_photo
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import Map, open_map
 from gscpe.splats import GaussianScene
-
-_log = logging.getLogger(__name__)
 
 _LEAST_SIDE = 48  # of a photo, pixels
 
@@ -100,6 +93,9 @@ class Localizer(Closing):
         stages = Stages(map_.frame, self.settings, self._renderer, self._beside)
         references = len(map_.references)
         self._chain = Chain(self.settings, matchers, self._places, stages, references)
+        self._unknown_cameras = UnknownCameras(
+            map_.references, self.settings, self._renderer, self._matcher, self._places, self._chain
+        )
         self._lock = threading.RLock()  # an observer may render
         self._closed = False
 
@@ -220,53 +216,7 @@ class Localizer(Closing):
             PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
         with self._while_open():
-            return self._estimate_camera(image, guess)
-
-    def _estimate_camera(self, image: UInt8Array, guess: Camera | None) -> Camera:
-        if not len(self.map.references):
-            raise MapError(
-                "a focal length cannot be estimated with a map without reference photos; give "
-                "the camera"
-            )
-        image = check_image(image, transparent=True)
-        photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
-        longer_side = max(photo.camera.width, photo.camera.height)
-        larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)
-        at_size = resized_photo(photo, larger)
-        query = PreparedPhoto(at_size, self._matcher, Clock())
-        reason = NO_FEATURES
-        for start in islice(self._places.starts(query), self.settings.hypotheses):
-            estimate = self._estimate_from(query, start)
-            if isinstance(estimate, Camera):
-                return estimate.resized(photo.camera.width, photo.camera.height)
-            reason = estimate
-        for turned in self._chain.turned(query):
-            for start in self._chain.turned_starts(turned):
-                estimate = self._estimate_from(turned, start)
-                if isinstance(estimate, Camera):
-                    stored = turned_camera(estimate, inverse_orientation(turned.orientation))
-                    return stored.resized(photo.camera.width, photo.camera.height)
-        reason = trouble_with_light(photo) or reason
-        raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
-
-    def _estimate_from(self, query: PreparedPhoto, start: Start) -> Camera | str:
-        assert start.reference is not None
-        index = self.map.references.names.index(start.reference)
-        return estimate_camera(
-            self._renderer,
-            self._matcher,
-            query.for_matching,
-            query.photo.camera,
-            start.cam_from_world,
-            self.map.references.cameras[index].without_distortion(),
-            self.settings.coarse,
-            self.settings.focal,
-        )
-
-    def _reference_side(self) -> float:
-        """The longer side of a typical reference photo, in pixels."""
-        cameras = self.map.references.cameras
-        return float(np.median([max(camera.width, camera.height) for camera in cameras]))
+            return self._unknown_cameras.estimate(image, guess)
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from gscpe.arrays import Float64Array, short_repr
 from gscpe.errors import PoseError
-from gscpe.geometry.pose_error import camera_centre, pose_difference
+from gscpe.geometry.pose_error import camera_centre, camera_centres, pose_difference
 from gscpe.geometry.se3 import check_transform
 from gscpe.retrieval import RetrievedReference
 
@@ -125,7 +125,7 @@ def different_places(
         same_place_degrees: angle between two cameras up to which they look the same way.
     """
     rotations = cam_from_world[:, :3, :3]
-    centres = -np.einsum("nji,nj->ni", rotations, cam_from_world[:, :3, 3])
+    centres = camera_centres(cam_from_world)
     # |R - S|_F = 2 sqrt(2) sin(angle / 2)
     same_way = 2.0 * np.sqrt(2.0) * np.sin(0.5 * np.radians(min(same_place_degrees, 180.0)))
     shown = np.zeros(len(cam_from_world), dtype=bool)

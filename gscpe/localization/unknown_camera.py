@@ -1,17 +1,110 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras whose intrinsics nobody wrote down."""
+"""Cameras whose intrinsics nobody wrote down: the focal length is estimated from matches."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
+
+import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.coarse import CoarseSettings, FocalEstimate, FocalSettings, estimate_focal_length, lift
+from gscpe.errors import CameraError, MapError
 from gscpe.geometry.camera import Camera
+from gscpe.localization.chain import Chain
+from gscpe.localization.clock import Clock
+from gscpe.localization.light import trouble_with_light
+from gscpe.localization.places import Places
+from gscpe.localization.prepared import PreparedPhoto
+from gscpe.localization.result import NO_FEATURES
+from gscpe.localization.settings import LocalizerSettings
+from gscpe.localization.starts import Start
 from gscpe.matching import Matcher
-from gscpe.photos import to_uint8
+from gscpe.photos import to_photo, to_uint8
+from gscpe.photos.image_array import check_image
+from gscpe.photos.orientation import inverse_orientation, turned_camera
+from gscpe.photos.photo import resized_photo
 from gscpe.render import Renders
+from gscpe.scene import References
+
+
+@dataclass(frozen=True)
+class UnknownCameras:
+    """Estimates cameras from photos of a map's place; see :meth:`gscpe.Localizer.estimate_camera`.
+
+    Attributes:
+        references: of the map.
+        settings: of the localizer.
+        renderer: of the map's splat.
+        matcher: of photo and render.
+        places: where to begin.
+        chain: turns photos where they are not recognized.
+    """
+
+    references: References
+    settings: LocalizerSettings
+    renderer: Renders
+    matcher: Matcher
+    places: Places
+    chain: Chain
+
+    def estimate(self, image: UInt8Array, guess: Camera | None) -> Camera:
+        """The pinhole camera of an (H, W, 3) photo.
+
+        Args:
+            image: uint8 RGB.
+            guess: None: an ordinary lens.
+
+        Raises:
+            CameraError: the focal length cannot be estimated.
+            MapError: the map has no references.
+            PhotoError, RenderError, ModelError: as :meth:`gscpe.Localizer.localize`.
+        """
+        if not len(self.references):
+            raise MapError(
+                "a focal length cannot be estimated with a map without reference photos; give "
+                "the camera"
+            )
+        image = check_image(image, transparent=True)
+        photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
+        longer_side = max(photo.camera.width, photo.camera.height)
+        larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)
+        query = PreparedPhoto(resized_photo(photo, larger), self.matcher, Clock())
+        reason = NO_FEATURES
+        for start in islice(self.places.starts(query), self.settings.hypotheses):
+            estimate = self._from(query, start)
+            if isinstance(estimate, Camera):
+                return estimate.resized(photo.camera.width, photo.camera.height)
+            reason = estimate
+        for turned in self.chain.turned(query):
+            for start in self.chain.turned_starts(turned):
+                estimate = self._from(turned, start)
+                if isinstance(estimate, Camera):
+                    stored = turned_camera(estimate, inverse_orientation(turned.orientation))
+                    return stored.resized(photo.camera.width, photo.camera.height)
+        reason = trouble_with_light(photo) or reason
+        raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
+
+    def _from(self, query: PreparedPhoto, start: Start) -> Camera | str:
+        assert start.reference is not None
+        index = self.references.names.index(start.reference)
+        return estimate_camera(
+            self.renderer,
+            self.matcher,
+            query.for_matching,
+            query.photo.camera,
+            start.cam_from_world,
+            self.references.cameras[index].without_distortion(),
+            self.settings.coarse,
+            self.settings.focal,
+        )
+
+    def _reference_side(self) -> float:
+        """The longer side of a typical reference photo, in pixels."""
+        cameras = self.references.cameras
+        return float(np.median([max(camera.width, camera.height) for camera in cameras]))
 
 
 def ordinary_camera(image: UInt8Array, settings: FocalSettings) -> Camera:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps from photos or a video, in one go, and how good they are."""
 
-from gscpe.making.certificate import Certificate, CertifiedPhoto, certify, read_certificate
+from gscpe.making.certificate import Certificate, CertifiedPhoto, read_certificate
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.certificate_tables import photo_table, summary_table
+from gscpe.making.certify import certify
 from gscpe.making.from_photos import MadeMap, make_map, work_folder_of
 from gscpe.making.settings import CertificateSettings, MakeMapSettings
 from gscpe.reconstruction.known_poses import KnownPoses

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Callable, Sequence
 import numpy as np
 
 from gscpe.errors import OutputError, SettingsError
-from gscpe.making.certificate import Certificate, certify
+from gscpe.making.certificate import Certificate
 from gscpe.making.certificate_page import write_certificate_page
+from gscpe.making.certify import certify
 from gscpe.making.settings import MakeMapSettings
 from gscpe.mapping import MapSettings, build_map
 from gscpe.photos.masks import check_masks

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.geometry.pose_error import camera_centre
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.mapping.looks import Look, PhotoComparison
 from gscpe.scene import References
 from gscpe.scene.map_frame import typical_depth
@@ -121,7 +121,7 @@ def _where(scene: GaussianScene, references: References) -> str:
     means = scene.means.astype(np.float64)
     middle = np.median(means, axis=0)
     extent = float(np.median(np.linalg.norm(means - middle, axis=1)))
-    centres = np.array([camera_centre(pose) for pose in references.cam_from_world])
+    centres = camera_centres(references.cam_from_world)
     cameras = np.median(centres, axis=0)
     spread = float(np.median(np.linalg.norm(centres - cameras, axis=1)))
     apart = float(np.linalg.norm(cameras - scene.origin - middle))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.scene import References
 
@@ -61,7 +62,7 @@ def nerfstudio_normalization(references: References, axes: Similarity) -> Simila
         axes: what was done to the model's axes before.
     """
     poses = axes.cam_from_b(references.cam_from_world)
-    centres = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+    centres = camera_centres(poses)
     up = -poses[:, 1, :3].mean(axis=0)  # OpenCV's y axis points down
     length = float(np.linalg.norm(up))
     rotation = _least_turn(up / length, np.array([0.0, 0.0, 1.0])) if length > 1e-9 else np.eye(3)

@@ -16,8 +16,8 @@ from gscpe.models import installed_files
 
 _log = logging.getLogger(__name__)
 
-_ONNX = "onnx:"
-MATCHERS = ("auto", "sift", "xfeat", "xfeat+lighterglue", f"{_ONNX}PATH")
+ONNX = "onnx:"
+MATCHERS = ("auto", "sift", "xfeat", "xfeat+lighterglue", f"{ONNX}PATH")
 """Names that :func:`make_matcher` knows."""
 
 
@@ -43,8 +43,8 @@ def make_matcher(name: str = "auto") -> Matcher:
         _refuse_damaged("xfeat.onnx")
         _refuse_damaged("lighterglue.onnx")
         return LighterGlueMatcher()
-    if name.startswith(_ONNX) and len(name) > len(_ONNX):
-        return OnnxMatcher(Path(name.removeprefix(_ONNX)))
+    if name.startswith(ONNX) and len(name) > len(ONNX):
+        return OnnxMatcher(Path(name.removeprefix(ONNX)))
     raise SettingsError(f"there is no matcher {name!r}; choose one of {', '.join(MATCHERS)}")
 
 

@@ -10,6 +10,7 @@ from typing import Any, Mapping
 import numpy as np
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.geometry.up import common_up
 from gscpe.reconstruction.depth_scale import scaled_by_depth
@@ -94,7 +95,7 @@ def levelled(
     middle = np.median(points, axis=0) if len(points) else np.zeros(3)
     if up is None:
         return Similarity(1.0, np.eye(3), -middle)
-    centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    centres = camera_centres(cam_from_world)
     level = centres - centres.mean(axis=0)
     level -= np.outer(level @ up, up)
     along = np.linalg.eigh(level.T @ level)[1][:, -1]

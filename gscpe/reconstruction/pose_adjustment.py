@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from gscpe.arrays import Float64Array
 from gscpe.cores import available_cores
+from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.similarity_transform import fit_similarity_of_poses
 from gscpe.reconstruction.frame import move_model, poses_of
 from gscpe.scene.colmap_database import pose_model
@@ -160,7 +161,7 @@ def _solve(
         pose = given[str(image.name)]
         prior = pycolmap.PosePrior()
         prior.corr_data_id = image.data_id
-        prior.position = -pose[:3, :3].T @ pose[:3, 3]
+        prior.position = camera_centre(pose)
         prior.position_covariance = sigma**2 * np.eye(3)
         prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
         priors.append(prior)
@@ -227,12 +228,9 @@ def _moved(
     for name, pose in after.items():
         step = pose @ np.linalg.inv(before[name])
         moves.append(np.linalg.norm(step[:3, :3] - np.eye(3)) / np.sqrt(2.0))
-        moves[-1] += np.linalg.norm(pose[:3, :3].T @ pose[:3, 3] - _centre(before[name])) / lever
+        moved = np.linalg.norm(camera_centre(pose) - camera_centre(before[name]))
+        moves[-1] += moved / lever
     return focal * float(np.median(moves))
-
-
-def _centre(pose: Float64Array) -> Float64Array:
-    return np.asarray(pose[:3, :3].T @ pose[:3, 3])
 
 
 def _lever(model: Any) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import ReconstructionError
-from gscpe.geometry.pose_error import rotation_angle_degrees
+from gscpe.geometry.pose_error import camera_centre, rotation_angle_degrees
 from gscpe.reconstruction.epipolar import MatchedPairs
 from gscpe.reconstruction.frame import poses_of
 from gscpe.reconstruction.pose_adjustment import Bounds, image_points
@@ -103,7 +103,7 @@ def refined_poses(
     """
     before = matched.errors({name: given[name] for name in placed})
     after = matched.errors(placed)
-    moved = [_centre(given[name]) - _centre(pose) for name, pose in placed.items()]
+    moved = [camera_centre(given[name]) - camera_centre(pose) for name, pose in placed.items()]
     distances = np.linalg.norm(moved, axis=1)
     turned = [
         rotation_angle_degrees(given[name][:3, :3] @ pose[:3, :3].T)
@@ -117,10 +117,6 @@ def refined_poses(
         turned=float(np.median(turned)),
         groups=_groups(model),
     )
-
-
-def _centre(pose: Float64Array) -> Float64Array:
-    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
 
 
 def _groups(model: Any) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import ReconstructionError, SettingsError
 from gscpe.geometry.alignment import umeyama
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.photos.gps import local_metres
 from gscpe.photos.photo_name import with_slashes
@@ -121,8 +122,8 @@ def scaled_like_poses(cam_from_world: Mapping[str, Float64Array], path: Path) ->
             f"placed, and at least {_LEAST} are needed; names must be the photos' own, for example "
             f"{next(iter(cam_from_world))}"
         )
-    ours = _centres(np.stack([cam_from_world[name] for name in names]))
-    theirs = _centres(np.stack([known[name] for name in names]))
+    ours = camera_centres(np.stack([cam_from_world[name] for name in names]))
+    theirs = camera_centres(np.stack([known[name] for name in names]))
     for positions, whose in ((ours, "were placed"), (theirs, "are known")):
         spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
         if spread[1] < 0.01 * spread[0]:
@@ -165,7 +166,7 @@ def scaled_like_gps(
     positions = np.array([gps[name] for name in names], dtype=np.float64)
     origin = np.median(positions, axis=0)
     theirs = local_metres(positions, origin)
-    ours = _centres(np.stack([level[name] for name in names]))
+    ours = camera_centres(np.stack([level[name] for name in names]))
     flat_ours, flat_theirs = ours * (1.0, 1.0, 0.0), theirs * (1.0, 1.0, 0.0)
     moved, inliers = robust_similarity(flat_ours, flat_theirs, about_z=True)
     misses = np.linalg.norm(moved.apply(flat_ours) - flat_theirs, axis=1)
@@ -193,7 +194,7 @@ def scaled_by_distance(
         ReconstructionError: one of them was not placed, or both stand in one place.
     """
     names = [placed_name(name, cam_from_world) for name in source.between]
-    first, second = _centres(np.stack([cam_from_world[name] for name in names]))
+    first, second = camera_centres(np.stack([cam_from_world[name] for name in names]))
     apart = float(np.linalg.norm(first - second))
     if apart < 1e-9:
         raise ReconstructionError(f"{' and '.join(source.between)} were taken from one place")
@@ -258,8 +259,3 @@ def _about_z(points_a: Float64Array, points_b: Float64Array) -> Similarity:
     rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     shift = mean_b - scale * np.exp(1j * angle) * mean_a
     return Similarity(scale, rotation, np.array([shift.real, shift.imag, 0.0]))
-
-
-def _centres(cam_from_world: Float64Array) -> Float64Array:
-    rotation, translation = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
-    return np.asarray(-np.einsum("nji,nj->ni", rotation, translation))

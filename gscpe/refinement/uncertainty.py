@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array, IntArray
+from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
@@ -90,6 +91,9 @@ class UncertaintySettings:
             at all.
         least_pixels: motions that move the picture by less (root mean square) are below the errors
             of rendering and interpolation.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     blocks: int = 10
@@ -97,6 +101,12 @@ class UncertaintySettings:
     factor: float = 2.5
     enough_shared: float = 0.3
     least_pixels: float = 0.004
+
+    def __post_init__(self) -> None:
+        if self.blocks < 1 or not (self.factor > 0 and self.least_pixels >= 0):
+            raise SettingsError("a covariance needs blocks >= 1, factor > 0 and least_pixels >= 0")
+        if not (0 <= self.shrinkage <= 1 and 0 < self.enough_shared <= 1):
+            raise SettingsError("shrinkage lies in [0, 1], enough_shared in (0, 1]")
 
 
 def pose_uncertainty(

@@ -33,6 +33,9 @@ class VisibilitySettings:
         perturbation: metres by which the views stand beside the anchor.
         view_scale: size of the views relative to the anchor.
         max_depth_step: relative difference of depth among 3x3 pixels that is an edge.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     min_opacity: float = 0.9
@@ -46,6 +49,10 @@ class VisibilitySettings:
     def __post_init__(self) -> None:
         if self.views < 0 or not 0 < self.view_scale <= 1:
             raise SettingsError("the mask needs views >= 0 and view_scale in (0, 1]")
+        if not (0 <= self.min_opacity <= 1 and 0 <= self.min_votes <= 1):
+            raise SettingsError("min_opacity and min_votes are shares: they lie in [0, 1]")
+        if not min(self.depth_tolerance, self.perturbation, self.max_depth_step) >= 0:
+            raise SettingsError("the mask's lengths and max_depth_step cannot be negative")
 
 
 def surface_mask(view: RenderedView, settings: VisibilitySettings) -> BoolArray:

@@ -27,7 +27,7 @@ from gscpe.scene.map_contents import (
     to_contents,
 )
 from gscpe.scene.references import GlobalDescriptors, References
-from gscpe.splats.splat_formats import require_gaussforge
+from gscpe.splats.through_gaussforge import require_gaussforge
 
 FORMAT = "gscpe map"
 VERSION = 4

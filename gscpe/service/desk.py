@@ -11,8 +11,8 @@ import cv2
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.batch.building import Building
+from gscpe.batch.in_process import Talk
 from gscpe.batch.one_photo import OnePhoto, localize_one
-from gscpe.batch.processes import Talk
 from gscpe.batch.shelf import Shelf, ShelfOrder
 from gscpe.closing import Closing
 from gscpe.coarse import AbsolutePose
@@ -65,7 +65,7 @@ Job = LocalizeJob | RenderJob | AboveJob
 
 
 class Desk(Closing):
-    """Holds localizers; see :class:`gscpe.batch.processes.Works`."""
+    """Holds localizers; see :class:`gscpe.batch.in_process.Works`."""
 
     def __init__(self, shelf: Shelf, description: str) -> None:
         self._shelf = shelf

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, TypeVar
 
+from gscpe.batch.in_process import Answer, Ready, Talk
 from gscpe.batch.instructions import TIMEOUT
 from gscpe.batch.one_photo import OnePhoto
-from gscpe.batch.processes import Answer, ProcessWorker, Ready, Talk
+from gscpe.batch.processes import ProcessWorker
 from gscpe.batch.shelf import Shelf, ShelfOrder
 from gscpe.closing import Closing
 from gscpe.errors import InputError
@@ -40,7 +41,7 @@ class FrameJob:
 
 
 class TrackerDesk(Closing):
-    """Follows one camera; see :class:`gscpe.batch.processes.Works`."""
+    """Follows one camera; see :class:`gscpe.batch.in_process.Works`."""
 
     def __init__(self, shelf: Shelf, map_: str, camera: Camera, limits: Limits) -> None:
         self._shelf, self._camera, self._limits = shelf, camera, limits

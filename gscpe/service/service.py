@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, Awaitable, Mapping
 
 from gscpe.batch.choose import workers_for
-from gscpe.batch.processes import Start
+from gscpe.batch.in_process import Start
 from gscpe.batch.shelf import ShelfOrder, shelf_bytes
 from gscpe.closing import Closing
 from gscpe.cores import available_cores
-from gscpe.errors import MapError
+from gscpe.errors import MapError, SettingsError
 from gscpe.service.desk import AboveJob, Desk, Job
 from gscpe.service.gate import Gate
 from gscpe.service.limits import Limits
@@ -35,6 +35,9 @@ class ServiceSettings:
         insecure: anybody who can reach it may use it.
         workers: processes.
         limits: of requests.
+
+    Raises:
+        SettingsError: there are to be no workers.
     """
 
     host: str = "127.0.0.1"
@@ -42,6 +45,10 @@ class ServiceSettings:
     insecure: bool = False
     workers: int = 1
     limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise SettingsError(f"a service needs at least one worker, not {self.workers}")
 
 
 class Service(Closing):

@@ -14,8 +14,9 @@ from collections import deque
 from concurrent.futures import Future, InvalidStateError
 from typing import Any
 
+from gscpe.batch.in_process import Answer, Message, Start, Told
 from gscpe.batch.instructions import TIMEOUT
-from gscpe.batch.processes import Answer, Message, ProcessPool, ProcessWorker, Start, Told
+from gscpe.batch.processes import ProcessPool, ProcessWorker
 from gscpe.closing import Closing
 from gscpe.errors import GscpeError, WorkerError
 from gscpe.service.desk import DECODING, Job, LocalizeJob

@@ -17,7 +17,6 @@ from gscpe.errors import SplatError
 from gscpe.splats.gaussians import GaussianScene, far_origin, joined
 from gscpe.splats.ply_bytes import ANTIALIASED_COMMENT
 from gscpe.splats.sog_folder import bundled, finest_chunks
-from gscpe.splats.splat_formats import to_ply
 from gscpe.splats.splat_kind import (
     PLY,
     SOG_FOLDER,
@@ -27,6 +26,7 @@ from gscpe.splats.splat_kind import (
     splat_kind,
 )
 from gscpe.splats.splat_rows import gaussians_from_rows
+from gscpe.splats.through_gaussforge import to_ply
 
 _log = logging.getLogger(__name__)
 

@@ -20,7 +20,7 @@ import numpy as np
 from gscpe.errors import OutputError
 from gscpe.splats.gaussians import GaussianScene
 from gscpe.splats.ply_bytes import ply_bytes
-from gscpe.splats.splat_formats import from_ply
+from gscpe.splats.through_gaussforge import from_ply
 
 _HEADER = struct.Struct("<4sIIBBBB")  # magic, version, count, degree, fractional bits, flags, 0
 _WRITTEN_FRACTIONAL_BITS = 12

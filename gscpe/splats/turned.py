@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.spread import even_directions
 from gscpe.splats.gaussians import GaussianScene
 
 Y_AND_Z_NEGATED = np.diag([1.0, -1.0, -1.0])
@@ -49,10 +50,7 @@ def harmonics_turned(rotation: Float64Array, degree: int) -> Float64Array:
     Seen along ``rotation @ d`` after, a colour is what it was along ``d`` before. Harmonics of a
     degree turn among themselves, so a few directions determine the matrix (to 1e-15).
     """
-    i = np.arange(32) + 0.5  # directions that cover the sphere evenly: a Fibonacci spiral
-    z, angle = 1.0 - i / 16.0, np.pi * (1.0 + np.sqrt(5.0)) * i
-    r = np.sqrt(1.0 - z * z)
-    before = np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+    before = even_directions(32)
     after = before @ rotation.T
     matrix = np.linalg.lstsq(_harmonics(after, degree), _harmonics(before, degree), rcond=None)[0]
     return np.asarray(np.where(np.abs(matrix) < 1e-14, 0.0, matrix))

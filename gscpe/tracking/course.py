@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
@@ -27,8 +25,6 @@ from gscpe.tracking.frames import Frame
 from gscpe.tracking.motion import MotionState, Prediction
 from gscpe.tracking.result import TrackingResult, TrackingStatus, lost
 from gscpe.tracking.settings import TrackingSettings
-
-_log = logging.getLogger(__name__)
 
 _LONGEST_UNSEEN = 30
 """Frames after which nothing is expected of the motion before."""

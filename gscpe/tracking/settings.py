@@ -11,7 +11,7 @@ from gscpe.refinement import LucasKanadeSettings, UncertaintySettings, Visibilit
 
 @dataclass(frozen=True)
 class TrustSettings:
-    """What a frame must show, so that its pose is reported (measured: docs/tracking.md).
+    """What a frame must show, so that its pose is reported (measured: docs/benchmarks.md).
 
     Attributes:
         min_agreement: correlation of anchor and frame, mean over blocks of the picture.
@@ -93,7 +93,7 @@ class TrackingSettings:
 
     @classmethod
     def fast(cls, wait: bool = False) -> TrackingSettings:
-        """For frames of half the size: twice as fast, and less exact."""
+        """For frames of half the size: faster, and less exact."""
         return cls(
             wait=wait,
             scale=0.5,

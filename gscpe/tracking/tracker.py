@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time as clock
 from pathlib import Path
@@ -23,8 +22,6 @@ from gscpe.tracking.motion import Motion
 from gscpe.tracking.result import TrackingResult
 from gscpe.tracking.search import Search
 from gscpe.tracking.settings import TrackingSettings
-
-_log = logging.getLogger(__name__)
 
 
 class Tracker(Closing):

@@ -12,6 +12,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import CameraError, TrainingError
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.se3 import check_transform
 from gscpe.interrupts import interrupts_later
 from gscpe.photos.photo import Photo
@@ -164,6 +165,6 @@ def _checked_seen(
 
 def _extent(cam_from_world: Float64Array, points: PointCloud) -> float:
     """Of the cameras; half the distance to the points where they stand close together."""
-    centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    centres = camera_centres(cam_from_world)
     far = np.median(np.linalg.norm(points.positions - centres.mean(axis=0), axis=1))
     return max(extent_of(cam_from_world), 0.5 * float(far), 1e-9)

@@ -11,6 +11,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray, UInt8Array
 from gscpe.errors import ColmapModelError, MissingDependencyError
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.photos.photo_name import with_slashes
 from gscpe.scene.colmap_files import read_colmap_files
 from gscpe.splats.gaussians import SH_C0
@@ -150,7 +151,7 @@ def first_gaussians(points: PointCloud, extent: float, settings: TrainingSetting
 
 def extent_of(cam_from_world: Float64Array) -> float:
     """1.1 times the largest distance of a camera from their mean, scene units, as in 3DGS."""
-    centres = -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    centres = camera_centres(cam_from_world)
     radius = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
     return 1.1 * radius
 

@@ -11,7 +11,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
-from gscpe.geometry.pose_error import camera_centre
+from gscpe.geometry.pose_error import camera_centre, camera_centres
 from gscpe.poses.hloc import parse_pose
 from gscpe.report.ground import choose_ground_plane
 from gscpe.scene import Map
@@ -74,8 +74,7 @@ class Trajectory:
     @property
     def centres(self) -> Float64Array:
         """(N, 3) camera centres in the map."""
-        turns, moves = self.cam_from_map[:, :3, :3], self.cam_from_map[:, :3, 3]
-        return np.asarray(-np.einsum("nji,nj->ni", turns, moves))
+        return camera_centres(self.cam_from_map)
 
     def at(self, time: float) -> int:
         """Index of the pose nearest in time."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray
 from gscpe.geometry import se3
+from gscpe.geometry.pose_error import camera_centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ def centre_ellipsoid(
     turn = se3.from_rotation_translation(axes, [0, 0, 0])
     return Ellipsoid(
         name,
-        -rotation.T @ cam_from_map[:3, 3],
+        camera_centre(cam_from_map),
         se3.to_quaternion_translation(turn)[0],
         np.sqrt(np.maximum(variances, 0.0)),
     )

@@ -8,13 +8,11 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Sequence
 
-import numpy as np
-
 from gscpe.arrays import UInt8Array
 from gscpe.closing import Closing
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
-from gscpe.geometry.pose_error import camera_centre
+from gscpe.geometry.pose_error import camera_centres
 from gscpe.render import Renderer
 from gscpe.scene import Map
 from gscpe.viewer.camera_nodes import CameraNodes
@@ -75,8 +73,8 @@ class Viewer(Closing):
         check_viser()
         self._frame, self._name, self.contents = map_.frame, name, contents
         photos = Photos(photo_folders)
-        eyes = np.array([camera_centre(pose) for pose in map_.references.cam_from_world])
-        self._splat = browser_splat(map_.scene, most_gaussians, eyes.reshape(-1, 3))
+        eyes = camera_centres(map_.references.cam_from_world)
+        self._splat = browser_splat(map_.scene, most_gaussians, eyes)
         self._unit = browser_unit(self._splat)
         self._flight = Flight(self._unit, contents.depth)
         self._renderer = Renderer(map_.scene, backend)

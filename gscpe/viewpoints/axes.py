@@ -52,6 +52,8 @@ def main_axes(scene: GaussianScene) -> Float64Array:
 def surface_normals(scene: GaussianScene) -> Float64Array:
     """Unit normals, (M, 3), of flat, solid Gaussians, the more often the more they cover; (0, 3)
     where there are none."""
+    from scipy.spatial.transform import Rotation
+
     rows = np.flatnonzero(solid(scene))
     order = np.argsort(scene.scales[rows], axis=1)
     scales = np.take_along_axis(scene.scales[rows], order, axis=1).astype(np.float64)
@@ -64,12 +66,5 @@ def surface_normals(scene: GaussianScene) -> Float64Array:
         return np.zeros((0, 3))
     rng = np.random.default_rng(0)
     chosen = rng.choice(len(rows), _SAMPLES, p=covered / covered.sum())
-    w, x, y, z = scene.quaternions[rows[chosen]].astype(np.float64).T
-    columns = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
-            [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
-            [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )  # [axis][coordinate]
-    return np.asarray(columns[order[chosen, 0], :, np.arange(len(chosen))])
+    axes = Rotation.from_quat(scene.quaternions[rows[chosen]], scalar_first=True).as_matrix()
+    return np.asarray(axes[np.arange(len(chosen)), :, order[chosen, 0]])

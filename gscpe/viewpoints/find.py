@@ -9,9 +9,12 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.pose_error import camera_centres
+from gscpe.geometry.spread import farthest_first
 from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import main_axes
-from gscpe.viewpoints.places import FACES, Place, PlaceSearch, lattice_spacing
+from gscpe.viewpoints.lattice import lattice_spacing
+from gscpe.viewpoints.places import FACES, Place, PlaceSearch
 from gscpe.viewpoints.settings import ViewpointSettings
 from gscpe.viewpoints.space import Space
 from gscpe.viewpoints.upright import axes_along, find_up
@@ -77,29 +80,20 @@ def _views(
     """World-to-camera poses, (N, 4, 4), relative to the scene's origin; where there are more than
     are wanted, those that are far from each other."""
     limit = min(place.best for place in places)
-    poses = [
+    views = [
         _looking(space.axes @ place.point, forward, up)
         for place in places
         for (axis, sign), score in zip(FACES, place.scores, strict=True)
         if score >= limit
         for forward in _directions(sign * space.axes[:, axis], up, settings)
     ]
-    return _spread(np.array(poses), lattice_spacing(space, settings), settings)
-
-
-def _spread(poses: Float64Array, spacing: float, settings: ViewpointSettings) -> Float64Array:
-    """The first pose, and again and again that which is farthest from those before."""
+    poses = np.array(views)
     if len(poses) <= settings.most:
         return poses
-    centres = -np.einsum("nij,ni->nj", poses[:, :3, :3], poses[:, :3, 3])
     # A step of yaw is as far as a step of place.
     turn = 2.0 * np.sin(0.5 * np.deg2rad(settings.yaw_step))
-    features = np.hstack([centres / spacing, poses[:, 2, :3] / turn])
-    chosen, far = [0], np.linalg.norm(features - features[0], axis=1)
-    while len(chosen) < settings.most:
-        chosen.append(int(np.argmax(far)))
-        far = np.minimum(far, np.linalg.norm(features - features[chosen[-1]], axis=1))
-    return poses[chosen]
+    steps = camera_centres(poses) / lattice_spacing(space, settings)
+    return poses[farthest_first(np.hstack([steps, poses[:, 2, :3] / turn]), settings.most)]
 
 
 def _directions(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Places in free space from which a splat looks as its photos did.
 
-A lattice of points covers the free space. Some, spread over it, are looked at in the six
-directions of the main axes; then the neighbours of the best, as long as they are good too.
+Some points of the lattice, spread over it, are looked from in the six directions of the main axes;
+then more of them, first those whose nearest known place is good and far away.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from typing import Iterable, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from gscpe.arrays import BoolArray, Float64Array, IntArray
+from gscpe.arrays import Float64Array, IntArray
 from gscpe.errors import MapError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.spread import farthest_first
 from gscpe.render import Renderer
 from gscpe.splats import GaussianScene
-from gscpe.viewpoints.axes import solid
-from gscpe.viewpoints.quality import ViewQuality, view_quality
+from gscpe.viewpoints.lattice import INSTEAD, free_points, lattice_spacing, usual_heights
+from gscpe.viewpoints.quality import distance_penalty, is_usable, view_quality
 from gscpe.viewpoints.settings import ViewpointSettings
 from gscpe.viewpoints.space import Space
 
@@ -29,18 +30,16 @@ _SIDE = 96
 """Pixels of the small renders, 90 degrees wide."""
 _PREVIEW = 160
 """Pixels of the longer side of a preview of a view."""
-_LEAST_ENCLOSURE = 0.12
 _ROOM, _OUTSIDE = 0.8, 0.5
 """Where a good place sees something in this share of all directions, the splat is a closed room,
 and places that see less than this are outside of it."""
-_MOST_POINTS = 6000
-_BEST = 4
+_FIFTH = 4
 """Scores are compared with that of the fifth best place: the very best may be an exception."""
 _CURIOSITY = 0.75
-_INSTEAD = "build the map with photos and their poses (--colmap, --images), or with --no-references"
+"""Score that is made up for by being e times as far from the nearest known place."""
 _NOTHING = (
     "no viewpoint can be found: from nowhere in the free space does the splat show surfaces; "
-    + _INSTEAD
+    + INSTEAD
 )
 _OUT_OF_SIGHT = -1e9
 
@@ -92,7 +91,7 @@ class PlaceSearch:
         self._scene, self._space, self._settings = scene, space, settings
         self._backend, self._progress = backend, progress
         self._spacing = lattice_spacing(space, settings)
-        self._points, self._enclosure = _lattice(space, self._spacing, settings)
+        self._points, self._enclosure = free_points(space, settings)
         self._tried: dict[int, Place] = {}
 
     def spread_out(self) -> list[Place]:
@@ -101,7 +100,7 @@ class PlaceSearch:
         Raises:
             MapError: none of them shows surfaces.
         """
-        chosen = _spread(self._points, self._enclosure, self._settings.seeds)
+        chosen = farthest_first(self._points, self._settings.seeds, self._enclosure)
         self._look(chosen, FACES, "looking around")
         places = list(self._tried.values())
         if max(place.best for place in places) <= _OUT_OF_SIGHT / 2:
@@ -122,7 +121,7 @@ class PlaceSearch:
         height = self._space.axes.T @ up
         vertical = int(np.argmax(np.abs(height)))
         level = tuple(face for face in FACES if face[0] != vertical)
-        usual = _usual_heights(self._points @ height, self._scene, self._space.axes @ height)
+        usual = usual_heights(self._points @ height, self._scene, self._space.axes @ height)
         for index, place in self._tried.items():
             self._tried[index] = replace(place, scores=_level(place.scores, vertical))
         self._grow(np.flatnonzero(usual), level)
@@ -153,6 +152,7 @@ class PlaceSearch:
         return np.array(kept)
 
     def _grow(self, allowed: IntArray, level: tuple[tuple[int, int], ...]) -> None:
+        """Looks from more of the allowed points, as many as the settings say."""
         if not len(allowed):
             raise MapError(_NOTHING)
         tried = list(self._tried)
@@ -193,48 +193,6 @@ class PlaceSearch:
         return Place(point, enclosure, scores)
 
 
-def lattice_spacing(space: Space, settings: ViewpointSettings) -> float:
-    """World units between neighbouring places."""
-    extent = space.high - space.low
-    return settings.spacing * max(float(extent.min()), 0.25 * float(np.median(extent)))
-
-
-def _lattice(
-    space: Space, spacing: float, settings: ViewpointSettings
-) -> tuple[Float64Array, Float64Array]:
-    """Points of a lattice in free space, (N, 3) along the main axes, and their enclosure, (N,)."""
-    size = space.cell * np.array(space.occupied.shape)
-    counts = np.maximum(1, np.floor(size / spacing)).astype(int)
-    cells = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
-    points = space.corner + (cells + 0.5) * spacing
-    free = np.flatnonzero(space.clearance(points) >= settings.clearance * spacing)
-    if len(free) > _MOST_POINTS:  # those nearest to the core
-        middle = np.maximum(space.low - points[free], points[free] - space.high).max(axis=1)
-        free = free[np.argsort(middle, kind="stable")[:_MOST_POINTS]]
-    if len(free):
-        enclosure = space.enclosure(points[free])
-        around = enclosure >= _LEAST_ENCLOSURE
-        free, enclosure = free[around], enclosure[around]
-    if not len(free):
-        raise MapError(
-            "no viewpoint can be found: the splat leaves no free space from which it is seen; "
-            + _INSTEAD
-        )
-    return points[free], enclosure
-
-
-def _spread(points: Float64Array, weight: Float64Array, count: int) -> list[int]:
-    """Indices of points far from each other, the more enclosed the rather."""
-    chosen = [int(np.argmax(weight))]
-    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, len(points)):
-        chosen.append(int(np.argmax(distance * weight)))
-        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        if not np.any(distance > 0):
-            break
-    return list(dict.fromkeys(chosen))
-
-
 def _score(
     renderer: Renderer,
     space: Space,
@@ -243,6 +201,7 @@ def _score(
     sign: int,
     settings: ViewpointSettings,
 ) -> float:
+    """Of the view from a point along a main axis; -1e9 where it shows too little."""
     forward = sign * np.eye(3)[axis]
     right = np.eye(3)[(axis + 1) % 3]
     rotation = np.stack([right, np.cross(forward, right), forward]) @ space.axes.T
@@ -257,31 +216,6 @@ def _score(
     return quality.score - distance_penalty(quality.depth, space)
 
 
-def is_usable(quality: ViewQuality, space: Space, settings: ViewpointSettings) -> bool:
-    """Whether a view shows enough, nothing too near, and surfaces rather than haze."""
-    return (
-        quality.covered >= settings.min_covered
-        and quality.near >= 0.5 * settings.clearance * lattice_spacing(space, settings)
-        and quality.thickness <= settings.max_thickness
-    )
-
-
-def distance_penalty(depth: float, space: Space) -> float:
-    """What is subtracted from a view's score: from afar, everything looks sharp."""
-    extent = space.high - space.low
-    usual = 0.5 * max(float(extent.min()), 0.25 * float(np.median(extent)))
-    return max(0.0, float(np.log(depth / usual)))
-
-
-def _usual_heights(heights: Float64Array, scene: GaussianScene, up: Float64Array) -> BoolArray:
-    """Which heights cameras are carried at: near the median of what there is, not on the floor
-    and not high above."""
-    low, middle = np.quantile(scene.means[solid(scene)].astype(np.float64) @ up, (0.05, 0.5))
-    return np.asarray(
-        (heights >= middle - 0.5 * (middle - low)) & (heights <= middle + 2.0 * (middle - low))
-    )
-
-
 def _level(scores: Float64Array, vertical: int) -> Float64Array:
     axes = np.array([axis for axis, _ in FACES])
     return np.where(axes == vertical, _OUT_OF_SIGHT, scores)
@@ -291,7 +225,7 @@ def _good(places: list[Place], settings: ViewpointSettings) -> list[Place]:
     ranked = sorted(places, key=lambda place: -place.best)
     if not ranked or ranked[0].best <= _OUT_OF_SIGHT / 2:
         raise MapError(_NOTHING)
-    limit = ranked[min(_BEST, len(ranked) - 1)].best - settings.margin
+    limit = ranked[min(_FIFTH, len(ranked) - 1)].best - settings.margin
     good = [p for p in ranked if p.best >= max(limit, _OUT_OF_SIGHT / 2)]
     if max(place.enclosure for place in good) >= _ROOM:
         good = [place for place in good if place.enclosure >= _OUTSIDE]

@@ -10,6 +10,9 @@ import numpy as np
 
 from gscpe.photos import luminance
 from gscpe.render import RenderedView
+from gscpe.viewpoints.lattice import lattice_spacing
+from gscpe.viewpoints.settings import ViewpointSettings
+from gscpe.viewpoints.space import Space
 
 _SEEN = 0.5
 _BLUR = 1.5
@@ -63,3 +66,17 @@ def view_quality(view: RenderedView) -> ViewQuality:
         sharpness=float(detail[seen].mean()),
         thickness=float(np.median(deviation)),
     )
+
+
+def is_usable(quality: ViewQuality, space: Space, settings: ViewpointSettings) -> bool:
+    """Whether a view shows enough, nothing too near, and surfaces rather than haze."""
+    return (
+        quality.covered >= settings.min_covered
+        and quality.near >= 0.5 * settings.clearance * lattice_spacing(space, settings)
+        and quality.thickness <= settings.max_thickness
+    )
+
+
+def distance_penalty(depth: float, space: Space) -> float:
+    """What is subtracted from a view's score: from afar, everything looks sharp."""
+    return max(0.0, float(np.log(depth / (0.5 * space.breadth))))

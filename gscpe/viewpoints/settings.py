@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
@@ -34,6 +35,9 @@ class ViewpointSettings:
         min_covered: share of a view that must show the splat.
         max_thickness: standard deviation of depth along a ray relative to depth (median of a
             view), above which a view shows haze and no surface.
+
+    Raises:
+        SettingsError: a value is out of its range, or the camera has a distorted lens.
     """
 
     camera: Camera = field(default_factory=_typical_camera)
@@ -51,12 +55,18 @@ class ViewpointSettings:
 
     def __post_init__(self) -> None:
         if min(self.most, self.seeds) < 1 or self.grown < 0:
-            raise SettingsError("viewpoints need at least one seed, and one view")
-        if not (self.spacing > 0 and self.clearance > 0 and 0 < self.yaw_step <= 90):
-            raise SettingsError("spacing and clearance must be positive, yaw_step at most 90")
+            raise SettingsError("viewpoints need most and seeds >= 1, and grown >= 0")
+        if not (0 < self.spacing < inf and 0 < self.clearance < inf and 0 < self.yaw_step <= 90):
+            raise SettingsError(
+                "viewpoints need a positive spacing and clearance, and a yaw_step in (0, 90]"
+            )
+        if not (0 <= self.margin < inf and -90 < self.pitch_down < 90):
+            raise SettingsError("viewpoints need margin >= 0, and a pitch_down between -90 and 90")
+        if not (0 <= self.min_covered <= 1 and self.max_thickness > 0):
+            raise SettingsError("min_covered is a share in [0, 1], max_thickness is positive")
         if not self.camera.is_pinhole:
             raise SettingsError("views are rendered: their camera must be a pinhole")
         if self.up is not None and not (
-            len(self.up) == 3 and 1e-6 < sum(x * x for x in self.up) < float("inf")
+            len(self.up) == 3 and 1e-6 < sum(x * x for x in self.up) < inf
         ):
             raise SettingsError(f"up must be a direction of three numbers, not {self.up}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.errors import MapError
+from gscpe.geometry.spread import even_directions
 from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import solid
 
@@ -45,6 +46,12 @@ class Space:
     cell: float
     occupied: BoolArray
     distance: Float64Array
+
+    @property
+    def breadth(self) -> float:
+        """The least extent of the core, or a quarter of the middle one where it is flat."""
+        extent = self.high - self.low
+        return max(float(extent.min()), 0.25 * float(np.median(extent)))
 
     @classmethod
     def of(cls, scene: GaussianScene, axes: Float64Array) -> Space:
@@ -86,7 +93,7 @@ class Space:
 
     def enclosure(self, points: Float64Array) -> Float64Array:
         """Share of all directions, (N,), in which something is met from points, (N, 3)."""
-        rays = _sphere(_RAYS)
+        rays = even_directions(_RAYS)
         at = np.repeat(points, len(rays), axis=0)
         rays = np.tile(rays, (len(points), 1))
         hit = np.zeros(len(at), dtype=bool)
@@ -133,11 +140,3 @@ def _spread_out(
         total = sum(np.exp(-0.5 * (a * a + b * b)) for a in steps for b in steps)
         parts[1:] = [(at, weight / total) for at, weight in parts[1:]]
     return parts
-
-
-def _sphere(count: int) -> Float64Array:
-    """Unit vectors, (count, 3), evenly over the sphere (a Fibonacci lattice)."""
-    k = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
-    r = np.sqrt(1.0 - z * z)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)

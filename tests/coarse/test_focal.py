@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Iterator
+from typing import Any, Iterator
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from scenes import ROOM_POSE, room, room_map, wall
 from gscpe import Localizer, References
 from gscpe.coarse import FocalEstimate, FocalSettings, PnPSettings, estimate_focal_length
 from gscpe.coarse.focal import check_focal_length
-from gscpe.errors import CameraError, MapError, PhotoError
+from gscpe.errors import CameraError, MapError, PhotoError, SettingsError
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.geometry.projection import project, transform_points, unproject
 from gscpe.localization.unknown_camera import ordinary_camera
@@ -175,6 +175,24 @@ def test_an_ordinary_lens() -> None:
         assert (camera.height, camera.width) == shape[:2]
         assert camera.fx == camera.fy == pytest.approx(576.0)
         assert (camera.cx, camera.cy) == (shape[1] / 2, shape[0] / 2)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"widest": 0.0},
+        {"narrowest": 0.9},
+        {"steps": 0},
+        {"around": 0.5},
+        {"ordinary": -1.0},
+        {"min_inliers": 0},
+        {"max_relative_sigma": 0.0},
+        {"principal_sigma": -0.01},
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        FocalSettings(**wrong)
 
 
 @pytest.mark.parametrize("factor", [0.8, 0.9, 0.97, 1.0, 1.03, 1.1, 1.25])

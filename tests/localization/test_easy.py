@@ -4,6 +4,7 @@ a doubt, the whole coarse loop decides."""
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import replace
 from typing import Any
@@ -15,6 +16,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe import LocalizationResult, Localizer, LocalizerSettings
 from gscpe.coarse import AbsolutePose, CoarseSettings, Round
+from gscpe.errors import SettingsError
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization import EasySettings, Observer, VerificationSettings
 from gscpe.localization.easy import is_easy
@@ -57,6 +59,22 @@ def localize(
 ) -> LocalizationResult:
     with Localizer(room_map(), LocalizerSettings(**settings), "sift") as localizer:
         return localizer.localize(image, CAMERA, observer=looks)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"side": -240},
+        {"side": 4},
+        {"min_references": -1},
+        {"min_inliers": 0},
+        {"min_inlier_share": 1.5},
+        {"min_spread": math.nan},
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        EasySettings(**wrong)
 
 
 def test_two_matches_and_the_render_that_is_aligned(image: NDArray[np.uint8]) -> None:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a room may need: followed through all its imports, without running them."""
+"""What rooms import, read without running them: as docs/how-it-works.md lists them, and no more
+than a room needs."""
 
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,3 +52,33 @@ def test_evaluation_needs_no_map() -> None:
 def test_imports_are_followed_to_their_end() -> None:
     assert {"demo", "localization", "mapping", "render", "matching"} <= needed_rooms("demo")
     assert "evaluation" in needed_rooms("benchmark")
+
+
+def listed_rooms() -> list[set[str]]:
+    """The rows of the list of rooms in docs/how-it-works.md, from the top."""
+    text = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
+    rooms = text.split("\n## Rooms\n")[1].split("\n## ")[0]
+    first_cells = [line.split("|")[1] for line in rooms.splitlines() if line.startswith("| `")]
+    return [
+        {name.rstrip("/").removesuffix(".py") for name in re.findall("`([^`]+)`", cell)}
+        for cell in first_cells
+    ]
+
+
+def test_all_rooms_are_listed() -> None:
+    folders = {path.parent.name for path in (ROOT / "gscpe").glob("*/__init__.py")}
+    modules = {path.stem for path in (ROOT / "gscpe").glob("*.py")} - {"__init__", "__main__"}
+    assert set().union(*listed_rooms()) == folders | modules
+
+
+def test_rooms_import_only_from_rooms_above_them() -> None:
+    rows = listed_rooms()
+    row_of = {room: number for number, row in enumerate(rows) for room in row}
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for room, row in row_of.items()
+        for path in (ROOT / "gscpe").glob(f"{room}/**/*.py")
+        for name in imported(path)
+        if row_of.get(other := name.split(".")[1], 0) >= row and other != room
+    ]
+    assert not wrong

@@ -22,6 +22,7 @@ from gscpe.errors import OutputError, PhotoError, ReconstructionError
 from gscpe.geometry.projection import project
 from gscpe.poses import write_pose_file
 from gscpe.reconstruction import Reconstruction, ReconstructionSettings, ScaleSource, reconstruct
+from gscpe.scene import References
 from gscpe.scene.colmap_model import read_colmap_references
 
 COUNT = 9
@@ -58,6 +59,12 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Walk:
 
 def centres(poses: Any) -> NDArray[np.float64]:
     return np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
+
+
+def way_of(references: References, walk: Walk) -> NDArray[np.float64]:
+    """How far apart the first and the last photo are, as found and in truth; (2,)."""
+    poses = references.cam_from_world, [walk.poses[name] for name in references.names]
+    return np.array([np.linalg.norm(np.ptp(centres(each)[[0, -1]], axis=0)) for each in poses])
 
 
 def test_all_photos_are_placed_where_they_were_taken(walk: Walk) -> None:
@@ -122,10 +129,7 @@ def test_the_unit_of_depth_images(walk: Walk, tmp_path: Path) -> None:
     again = reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
     assert again.frame.metres_per_unit == 1.0
     references = read_colmap_references(again.model_folder, again.image_folder)
-    ours, truth = (
-        np.linalg.norm(np.ptp(centres(poses)[[0, -1]], axis=0))
-        for poses in (references.cam_from_world, [walk.poses[name] for name in references.names])
-    )
+    ours, truth = way_of(references, walk)
     # Depths are right; where the focal length is too short, so are they against the steps aside.
     shorter = references.cameras[0].fx / WALK_CAMERA.fx
     assert ours * shorter == pytest.approx(truth, rel=0.02)
@@ -162,10 +166,7 @@ def test_the_unit_of_a_length_that_photos_show(walk: Walk, tmp_path: Path) -> No
     again = reconstruct(walk.photos, walk.folder, scale=scale, resume=True)
     assert again.frame.metres_per_unit == 1.0
     references = read_colmap_references(again.model_folder, again.image_folder)
-    ours, truth = (
-        np.linalg.norm(np.ptp(centres(poses)[[0, -1]], axis=0))
-        for poses in (references.cam_from_world, [walk.poses[name] for name in references.names])
-    )
+    ours, truth = way_of(references, walk)
     assert ours == pytest.approx(truth, rel=0.03)
 
 

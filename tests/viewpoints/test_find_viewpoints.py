@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -178,6 +180,26 @@ def test_haze_and_a_line_have_no_viewpoint() -> None:
     line = replace(haze, means=haze.means * np.array([1, 0, 0], dtype=np.float32))
     with pytest.raises(MapError, match="no viewpoint"):
         find_viewpoints(line, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"most": 0},
+        {"seeds": 0},
+        {"grown": -1},
+        {"spacing": math.nan},
+        {"clearance": math.inf},
+        {"yaw_step": 0.0},
+        {"margin": -0.1},
+        {"pitch_down": 90.0},
+        {"min_covered": 1.1},
+        {"max_thickness": math.nan},
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        ViewpointSettings(**wrong)
 
 
 def test_wrong_arguments_are_named() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Converts a splat file with gaussforge; run as a program by splat_formats.
+"""Converts a splat file with gaussforge; run as a program by through_gaussforge.
 
 A process of its own, because damaged files can crash the library, and because what it
 prints must not get into a caller's output. Arguments: kind of the input, kind of the

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gscpe.cli.main import main
 from gscpe.errors import MissingDependencyError, SplatError
-from gscpe.splats import GaussianScene, read_splat, splat_formats
+from gscpe.splats import GaussianScene, read_splat, through_gaussforge
 from gscpe.splats.gaussians import SH_C0
 from gscpe.splats.splat_kind import may_have_other_axes
 
@@ -209,8 +209,8 @@ def test_damaged_files(kind: str, tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits a process's memory")
 def test_the_converter_cannot_take_all_memory() -> None:
     """A damaged .ksplat made gaussforge ask for 17 GB."""
-    program = "from convert_splat import limit_memory; limit_memory(10); bytearray(3 * 2**30)"
-    folder = Path(splat_formats.__file__).parent
+    program = "from gaussforge_program import limit_memory; limit_memory(10); bytearray(3 * 2**30)"
+    folder = Path(through_gaussforge.__file__).parent
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gscpe.errors import MissingDependencyError, OutputError, SplatError
 
-_PROGRAM = Path(__file__).with_name("convert_splat.py")
+_PROGRAM = Path(__file__).with_name("gaussforge_program.py")
 _SECONDS = 600
 
 
@@ -64,7 +64,8 @@ def _convert(source_kind: str, target_kind: str, data: bytes) -> tuple[bytes, bo
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "source", Path(folder) / "converted"
         source.write_bytes(data)
-        command = [sys.executable, str(_PROGRAM), source_kind, target_kind, str(source)]
+        # -P: modules beside the program are not to be taken for others of the same name.
+        command = [sys.executable, "-P", str(_PROGRAM), source_kind, target_kind, str(source)]
         done = subprocess.run(
             [*command, str(target)], capture_output=True, text=True, timeout=_SECONDS, check=True
         )

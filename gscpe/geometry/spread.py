@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Directions, and choices of points, that are far from each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gscpe.arrays import Float64Array
+
+
+def even_directions(count: int) -> Float64Array:
+    """Unit vectors, (count, 3), evenly over the sphere: a Fibonacci lattice."""
+    k = np.arange(count) + 0.5
+    z, angle = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def farthest_first(
+    points: Float64Array, count: int, weights: Float64Array | None = None
+) -> list[int]:
+    """Indices of points far from each other: again and again the one that is farthest from those
+    before it (Gonzalez, 1985).
+
+    Args:
+        points: (N, D), N at least 1.
+        count: how many at most; fewer where others stand in the same places.
+        weights: (N,) of the distances; the first point is the one with the most weight, or else
+            the first one.
+    """
+    weights = np.ones(len(points)) if weights is None else weights
+    chosen = [int(np.argmax(weights))]
+    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < count:
+        worth = distance * weights
+        farthest = int(np.argmax(worth))
+        if not worth[farthest] > 0:
+            break
+        chosen.append(farthest)
+        distance = np.minimum(distance, np.linalg.norm(points - points[farthest], axis=1))
+    return chosen
