@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 
+_LEAST_SIDE = 48
+"""Pixels: SIFT finds some thirty features in photos of 64x48 pixels, and five in 32x24."""
+
 
 def _typical_camera() -> Camera:
     return Camera.pinhole(640, 480, fx=530.0, fy=530.0, cx=320.0, cy=240.0)
@@ -54,6 +57,11 @@ class ViewpointSettings:
             raise SettingsError("viewpoints need at least one seed, and one view")
         if not (self.spacing > 0 and self.clearance > 0 and 0 < self.yaw_step <= 90):
             raise SettingsError("spacing and clearance must be positive, yaw_step at most 90")
+        if min(self.camera.width, self.camera.height) < _LEAST_SIDE:
+            raise SettingsError(
+                f"views of {self.camera.width}x{self.camera.height} pixels are too small to "
+                f"recognize places by; the camera needs {_LEAST_SIDE} pixels each way"
+            )
         if not self.camera.is_pinhole:
             raise SettingsError("views are rendered: their camera must be a pinhole")
         if self.up is not None and not (
