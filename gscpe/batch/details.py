@@ -123,6 +123,7 @@ def read_details(path: str | Path) -> dict[str, Detail]:
         lines = path.read_text().splitlines() if path.exists() else []
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"{path} exists but is not a details file; choose another") from error
+    left_out = 0
     for line in lines:
         try:
             detail = json.loads(line)
@@ -132,7 +133,12 @@ def read_details(path: str | Path) -> dict[str, Detail]:
         if complete:
             details[str(detail["name"])] = detail
         else:
-            _log.warning("%s: ignoring an incomplete line", path)
+            left_out += 1
+    if left_out:
+        _log.warning(
+            "%s: %d of %d lines are cut off, or not those of gscpe localize, and do not count",
+            *(path, left_out, len(lines)),
+        )
     return details
 
 

@@ -87,17 +87,17 @@ def named_maps(folders: list[str]) -> dict[str, Path]:
     """Absolute folders by name, the last part of their path without ``.gsmap``.
 
     Raises:
-        MapError: two have the same name, or a name has letters that an address cannot have.
+        MapError: a map is given twice, two have the same name, or one has none.
     """
     named: dict[str, Path] = {}
     for folder in folders:
         path = Path(folder).absolute()
         name = path.name.removesuffix(".gsmap")
-        if not name or any(not (c.isalnum() or c in "-_. ") for c in name):
-            raise MapError(
-                f"{folder} has a name that an address cannot have; use letters, digits, - and _"
-            )
+        if not name:
+            raise MapError(f"{folder} is no name of a map")
         if name in named:
+            if path.resolve() == named[name].resolve():
+                raise MapError(f"map {folder} is given twice")
             raise MapError(f"{folder} and {named[name]} have the same name; rename one of them")
         named[name] = path
     return named

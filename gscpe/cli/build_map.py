@@ -61,7 +61,8 @@ def add_parser(commands: Commands) -> None:
         "--up",
         type=_direction,
         metavar="X,Y,Z",
-        help="with --virtual-references: the direction that is up in the splat (default: found)",
+        help="with --virtual-references: the direction that is up in the splat (default: found); "
+        "write --up=-1,0,0 where it begins with a minus",
     )
     parser.add_argument(
         "--camera",
@@ -232,10 +233,10 @@ def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int
         scene, settings, found, options.backend, progress=show_progress()
     )
     save_map(map_, options.output, compress=options.compress)
-    up = ",".join(f"{x:.2f}" for x in found.up)
+    up = ",".join(f"{x:.2f}" for x in found.up.round(2) + 0.0)  # no -0.00
     print(f"{options.output}: {len(scene)} Gaussians, {map_.references.count_text()}, no photos")
     if options.up is None:
-        print(f"up was taken to be {up}; if that is wrong, give --up")
+        print(f"up was taken to be {up}; if that is wrong, give --up=X,Y,Z")
     return 0
 
 

@@ -67,7 +67,8 @@ def run(options: argparse.Namespace) -> int:
     if options.screenshot is not None:
         picture = overview(map_, contents, photos=Photos(options.images), backend=options.backend)
         write_image(options.screenshot, picture)
-        print(f"{options.screenshot}: the map with {len(contents.cameras)} cameras")
+        count = len(contents.cameras)
+        print(f"{options.screenshot}: the map with {count} camera{'s' * (count != 1)}")
         return 0
     with Viewer(map_, contents, options.images, **page_settings(options)) as viewer:
         print(f"{viewer.url} shows the map; Ctrl-C ends it", flush=True)

@@ -61,12 +61,14 @@ class Service(Closing):
 
     Raises:
         WorkerError: they die when they start.
+        MapError: a map has a name with letters that an address cannot have.
         GscpeError: what opening the first map raised.
     """
 
     def __init__(
         self, order: ShelfOrder, settings: ServiceSettings, start: Start | None = None
     ) -> None:
+        _check_names(order)
         self.order, self.settings, self.limits = order, settings, settings.limits
         self.maps = {name: _about(name, folder) for name, folder in order.folders.items()}
         self.threads = max(1, available_cores() // settings.workers)
@@ -158,6 +160,14 @@ def choose_service_workers(order: ShelfOrder) -> int:
         MapError: a ``map.json`` is damaged.
     """
     return workers_for(shelf_bytes(order), order.backend, 8 * available_cores())
+
+
+def _check_names(order: ShelfOrder) -> None:
+    for name, folder in order.folders.items():
+        if any(not (c.isalnum() or c in "-_. ") for c in name):
+            raise MapError(
+                f"{folder} has a name that an address cannot have; use letters, digits, - and _"
+            )
 
 
 def _about(name: str, folder: Path) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Sequence
@@ -25,7 +26,8 @@ def read_findings(
 
     Args:
         poses, truth: of photos, in any form that :func:`gscpe.read_pose_file` reads.
-        details: of ``gscpe localize``; None: those beside ``poses``, if they are there.
+        details: of ``gscpe localize``; None: those beside ``poses``, if they are there (beside
+            ``poses.kitchen.txt`` of one of several maps, also ``poses.details.jsonl``).
         trajectory: in TUM's form.
         map_name: details of photos that were found in another one of several maps are left out,
             whose poses belong to another world.
@@ -35,8 +37,7 @@ def read_findings(
         OutputError: the details are no text.
     """
     if details is None and poses is not None:
-        beside = Path(poses).with_suffix(".details.jsonl")
-        details = beside if beside.is_file() else None
+        details = _details_beside(Path(poses), map_name)
     known = {}
     if details is not None:
         if not Path(details).is_file():
@@ -70,6 +71,27 @@ def read_trajectory(path: str | Path) -> dict[float, Float64Array]:
     if not all(map(math.isfinite, trajectory)):
         raise PoseError(f"trajectory {path} has a time that is not finite")
     return trajectory
+
+
+def _details_beside(poses: Path, map_name: str | None) -> Path | None:
+    stems = [poses.stem]
+    if map_name is not None and poses.stem.endswith(f".{map_name}"):
+        stems.append(poses.stem.removesuffix(f".{map_name}"))
+    for stem in stems:
+        path = poses.with_name(f"{stem}.details.jsonl")
+        if path.is_file() and not _of_frames(path):
+            return path
+    return None
+
+
+def _of_frames(path: Path) -> bool:
+    """Whether these are the details of ``gscpe track``, which do not tell how a photo was found."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            first = json.loads(file.readline())
+    except (OSError, ValueError):
+        return False  # who reads it says so
+    return isinstance(first, dict) and "anchor_age" in first
 
 
 def _named(path: str | Path, names: Sequence[str]) -> dict[str, Float64Array]:

@@ -23,7 +23,7 @@ from gscpe.viewer.flight import Flight
 from gscpe.viewer.overview import overview_pose
 from gscpe.viewer.photo_controls import PhotoControls
 from gscpe.viewer.photos import Photos
-from gscpe.viewer.server import check_viser, start_server, stop_server
+from gscpe.viewer.server import check_viser, page_url, start_server, stop_server
 from gscpe.viewer.splat import MOST_GAUSSIANS, browser_splat, browser_unit
 from gscpe.viewer.texts import legend_html, news_html, refused_html, summary_html
 from gscpe.viewer.walk import Walk
@@ -85,7 +85,7 @@ class Viewer(Closing):
         except BaseException:
             self._renderer.close()
             raise
-        self._address = f"http://{host if host != '0.0.0.0' else 'localhost'}"
+        self._host = host
         self._cut = CutSplat(self._server, self._splat, self._unit, contents.axes)
         self._nodes = CameraNodes(self._server, self._unit, photos, self._go)
         self._add_panel(photos, grows)
@@ -94,7 +94,7 @@ class Viewer(Closing):
     @property
     def url(self) -> str:
         """Where a browser finds the page."""
-        return f"{self._address}:{self._server.get_port()}"
+        return page_url(self._host, self._server.get_port())
 
     def show(self, contents: Contents, picture: UInt8Array | None = None) -> None:
         """Shows these contents in place of those before: what is new is drawn, and what is the

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
+import socket
 from typing import TYPE_CHECKING
 
 from gscpe.errors import MissingDependencyError, OutputError
@@ -39,6 +41,7 @@ def start_server(host: str, port: int | None, label: str) -> viser.ViserServer:
         OutputError: the port is taken, or the address is not of this machine.
     """
     check_viser()
+    _check_address(host, port)
     import viser
 
     class Server(viser.ViserServer):
@@ -56,9 +59,43 @@ def start_server(host: str, port: int | None, label: str) -> viser.ViserServer:
         raise OutputError(f"no server can listen at {host}: {error}") from error
     if port is not None and server.get_port() != port:
         stop_server(server)
-        raise OutputError(f"port {port} is in use; give another --port, or none")
+        raise OutputError(_in_use(port))
     server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
     return server
+
+
+def page_url(host: str, port: int) -> str:
+    """Where a browser at this machine finds the page."""
+    if host in ("0.0.0.0", "::"):  # every address of this machine
+        host = "localhost"
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def _check_address(host: str, port: int | None) -> None:
+    """Listens there for a moment: viser waits for ever where it cannot.
+
+    Raises:
+        OutputError: the port is taken, or the address is not of this machine.
+    """
+    try:
+        found = socket.getaddrinfo(host, port or 0, type=socket.SOCK_STREAM)
+        for family, kind, protocol, _, address in found:
+            with socket.socket(family, kind, protocol) as probe:
+                # As viser does: what was closed a moment ago is free.
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                if family == socket.AF_INET6:
+                    probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+                probe.bind(address)
+    except (OSError, UnicodeError) as error:
+        if port is not None and getattr(error, "errno", None) == errno.EADDRINUSE:
+            raise OutputError(_in_use(port)) from error
+        at = host if port is None else f"{host} port {port}"
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(f"no page can be served at {at}: {reason}") from error
+
+
+def _in_use(port: int) -> str:
+    return f"port {port} is in use; give another --port, or none"
 
 
 def stop_server(server: viser.ViserServer) -> None:

@@ -9,6 +9,9 @@ from math import inf
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 
+_LEAST_SIDE = 48
+"""Pixels: SIFT finds some thirty features in photos of 64x48 pixels, and five in 32x24."""
+
 
 def _typical_camera() -> Camera:
     return Camera.pinhole(640, 480, fx=530.0, fy=530.0, cx=320.0, cy=240.0)
@@ -64,6 +67,11 @@ class ViewpointSettings:
             raise SettingsError("viewpoints need margin >= 0, and a pitch_down between -90 and 90")
         if not (0 <= self.min_covered <= 1 and self.max_thickness > 0):
             raise SettingsError("min_covered is a share in [0, 1], max_thickness is positive")
+        if min(self.camera.width, self.camera.height) < _LEAST_SIDE:
+            raise SettingsError(
+                f"views of {self.camera.width}x{self.camera.height} pixels are too small to "
+                f"recognize places by; the camera needs {_LEAST_SIDE} pixels each way"
+            )
         if not self.camera.is_pinhole:
             raise SettingsError("views are rendered: their camera must be a pinhole")
         if self.up is not None and not (

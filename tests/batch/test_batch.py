@@ -226,7 +226,7 @@ def test_a_line_that_was_cut_off_is_done_again(
     with caplog.at_level(logging.WARNING):
         run(stub, folder, resume=True)
     assert stub.seen == [3, 4, 5]
-    assert "ignoring an incomplete line" in caplog.text
+    assert "1 of 3 lines are cut off" in caplog.text
     assert path.read_bytes() == whole
 
 

@@ -94,7 +94,7 @@ def test_from_the_command_line(house: Path, capsys: pytest.CaptureFixture[str]) 
     assert pose_difference(parse_pose(answer["cam_from_world"]), POSE).distance < 0.02
     assert main(["localize", *common, "--memory", "0.001"]) == 0
     assert main(["localize", *common, "--also", first]) == 2
-    assert "the same name" in capsys.readouterr().err
+    assert "is given twice" in capsys.readouterr().err
     assert main(["localize", *common, "--memory", "-1"]) == 2
     assert "--memory must be positive" in capsys.readouterr().err
     for wrong in (["--prior", "1 0 0 0 0 0 0"], ["--view"]):
@@ -186,8 +186,10 @@ def test_what_several_maps_refuse(house: Path) -> None:
     first, *others = maps(house)
     with pytest.raises(SettingsError, match="priors belong to one map"):
         Instructions.of(first, house, also=others, priors={"a": PosePrior(POSE)})
-    with pytest.raises(MapError, match="the same name"):
+    with pytest.raises(MapError, match="is given twice"):
         Instructions.of(first, house, also=[first])
+    with pytest.raises(MapError, match="have the same name"):
+        Instructions.of(first, house, also=[str(house / "elsewhere" / "kitchen.gsmap")])
     order = shelf_order(maps(house), matcher="sift")
     sizes = [map_bytes(folder) for folder in order.folders.values()]
     assert shelf_bytes(order) == sum(sizes)

@@ -75,6 +75,7 @@ def test_what_is_up_can_be_said(
         (["--virtual-references", "--fit"], "--fit and --transform"),
         (["--no-references", "--up", "0,0,1"], "go with --virtual-references"),
         (["--virtual-references", "--camera", "PINHOLE,1"], "camera"),
+        (["--virtual-references", "--camera", "PINHOLE,8,8,6,6,4,4"], "8x8 pixels are too small"),
         (["--virtual-references", "--camera", "SIMPLE_RADIAL,640,480,500,320,240,0.1"], "pinhole"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -356,7 +357,10 @@ def test_what_the_command_line_refuses(
 
     assert "--token-file" in refused(map_, "--host", "0.0.0.0")
     assert "cannot be read" in refused(map_, "--token-file", str(tmp_path / "no"))
-    assert "the same name" in refused(map_, map_)
+    assert "is given twice" in refused(map_, map_)
+    odd = tmp_path / "it's @ home.gsmap"
+    shutil.copytree(map_, odd)
+    assert "that an address cannot have" in refused(str(odd))
     assert "it has no map.json" in refused(str(tmp_path))
     assert "together" in refused(map_, "--key", "k.pem")
     assert "cannot listen" in refused(map_, "--host", "203.0.113.1", "--insecure")

@@ -75,3 +75,11 @@ def test_the_command_writes_a_picture(tmp_path: Path, capsys: pytest.CaptureFixt
         assert main([*words, *wrong]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 3
     assert not (tmp_path / "new.png").exists()
+
+
+def test_a_map_may_have_any_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also one that ``gscpe serve`` could make no address of."""
+    save_map(room_map(), tmp_path / "it's @ home (2).gsmap")
+    map_, picture = str(tmp_path / "it's @ home (2).gsmap"), tmp_path / "view.png"
+    assert main(["view", map_, "--screenshot", str(picture)]) == 0
+    assert "the map with 1 camera\n" in capsys.readouterr().out

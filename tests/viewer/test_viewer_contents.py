@@ -297,6 +297,16 @@ def test_files(tmp_path: Path) -> None:
     lines = [json.dumps(detail(name, name == "a.png")) for name in ("a.png", "b.png")]
     beside.write_text("\n".join(lines))
     assert list(read_findings(poses=tmp_path / "poses.txt").details) == ["a.png", "b.png"]
+    # Also those of several maps; but those of track tell another story.
+    write_pose_file(tmp_path / "poses.hall.txt", poses, "hloc")
+    of_hall = read_findings(poses=tmp_path / "poses.hall.txt", map_name="hall")
+    assert list(of_hall.details) == ["a.png", "b.png"]
+    assert read_findings(poses=tmp_path / "poses.hall.txt", map_name="office").details == {}
+    write_pose_file(tmp_path / "walk.txt", poses, "hloc")
+    (tmp_path / "walk.details.jsonl").write_text('{"name": "a.png", "anchor_age": 0}\n')
+    assert read_findings(poses=tmp_path / "walk.txt").details == {}
+    with pytest.raises(PoseError, match="as gscpe localize writes them"):
+        read_findings(details=tmp_path / "walk.details.jsonl")
     (tmp_path / "walk.tum").write_text(format_tum({"7": ROOM_POSE}, ["7"]))
     (tmp_path / "empty.tum").write_text("# nothing\n")
     walk = read_findings(trajectory=tmp_path / "walk.tum").trajectory

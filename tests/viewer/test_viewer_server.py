@@ -14,6 +14,7 @@ from gscpe.cli.main import main
 from gscpe.errors import OutputError
 from gscpe.scene import save_map
 from gscpe.viewer import Viewer, contents_of
+from gscpe.viewer.server import page_url
 
 
 def test_it_is_local_quiet_and_not_shared(capsys: pytest.CaptureFixture[str]) -> None:
@@ -28,6 +29,21 @@ def test_it_is_local_quiet_and_not_shared(capsys: pytest.CaptureFixture[str]) ->
         with pytest.raises(OutputError, match="in use"):
             Viewer(room_map(), contents, port=port, most_gaussians=100)
     assert capsys.readouterr() == ("", "")
+
+
+def test_an_address_of_another_machine_is_refused() -> None:
+    """viser would wait for ever."""
+    pytest.importorskip("viser")
+    contents = contents_of(room_map())
+    for port in (None, 8080):
+        with pytest.raises(OutputError, match=r"no page can be served at 192\.0\.2\.1"):
+            Viewer(room_map(), contents, host="192.0.2.1", port=port, most_gaussians=100)
+
+
+def test_addresses_of_the_page() -> None:
+    assert page_url("127.0.0.1", 80) == "http://127.0.0.1:80"
+    assert page_url("::1", 8080) == "http://[::1]:8080"
+    assert page_url("0.0.0.0", 8080) == page_url("::", 8080) == "http://localhost:8080"
 
 
 def test_viser_is_asked_for(
