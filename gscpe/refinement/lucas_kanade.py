@@ -29,7 +29,6 @@ from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import TUKEY_CUTOFF, robust_sigma, tukey_weights
 from gscpe.refinement.sampling import gradient, sample_bilinear
 
-
 _MOST_ALIKE = 0.75
 """Factor from one step to the next beyond which nothing is extrapolated."""
 

@@ -179,7 +179,7 @@ def test_photos_that_hardly_overlap_give_nothing() -> None:
 
 def test_extrapolated_steps_end_nearer() -> None:
     """A blurred photo's steps shrink slowly; what is left where they end early is foreseen."""
-    photo = cv2.GaussianBlur(grey(ANCHOR), (0, 0), 2.5)
+    photo = cv2.GaussianBlur(grey(ANCHOR), (0, 0), 2.5).astype(np.float32)
     anchors = anchor_pyramid(grey(ANCHOR), ANCHOR.depth, away_from_creases(ANCHOR), CAMERA, 0, 3)
     photos = photo_pyramid(photo, np.ones(photo.shape, bool), CAMERA, 0)
     template = build_template(anchors[0], SETTINGS)
