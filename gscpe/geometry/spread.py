@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Directions, and choices of points, that are far from each other."""
+"""Directions, and choices among many things, that are spread evenly."""
 
 from __future__ import annotations
+
+from typing import Sequence, TypeVar
 
 import numpy as np
 
 from gscpe.arrays import Float64Array
+
+_T = TypeVar("_T")
 
 
 def even_directions(count: int) -> Float64Array:
@@ -39,3 +43,10 @@ def farthest_first(
         chosen.append(farthest)
         distance = np.minimum(distance, np.linalg.norm(points - points[farthest], axis=1))
     return chosen
+
+
+def thinned(items: Sequence[_T], most: int) -> list[_T]:
+    """At most so many, evenly spread, the first and the last among them."""
+    if len(items) <= most:
+        return list(items)
+    return [items[i] for i in np.rint(np.linspace(0, len(items) - 1, most)).astype(int)]

@@ -250,8 +250,19 @@ def vote(
     seen: NDArray[np.uint16],
     votes: NDArray[np.uint16],
 ) -> None:
-    """As :func:`gscpe.refinement.visibility._vote`, given the range of the view's depth around each
-    of its pixels, and where it is known."""
+    """As :func:`gscpe.refinement.visibility._vote`.
+
+    Args:
+        depth: (H, W) of the anchor.
+        camera: of the anchor.
+        mask: (H, W), pixels of the anchor that are voted on.
+        view_camera: of the view, h x w pixels.
+        view_from_anchor: (4, 4).
+        nearest, farthest: (h, w), range of the view's depth around each of its pixels.
+        known: (h, w), where the view shows something.
+        tolerance: by which depths may differ; in the unit of the depths.
+        seen, votes: (H, W), counted up in place.
+    """
     lens, view_lens = (np.array([c.fx, c.fy, c.cx, c.cy]) for c in (camera, view_camera))
     pose = np.ascontiguousarray(view_from_anchor[:3])
     _vote(

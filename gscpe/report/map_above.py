@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gscpe.geometry.pose_error import camera_centres
+from gscpe.geometry.spread import thinned
 from gscpe.report.ground import choose_ground_plane
 from gscpe.report.seen_from_above import (
     WIDTH,
@@ -16,7 +17,6 @@ from gscpe.report.seen_from_above import (
     drawing_of,
     frame_around,
     scale_bar,
-    thinned,
 )
 from gscpe.scene import Map
 from gscpe.scene.map_frame import typical_depth

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Sequence, TypeVar
+from typing import Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -14,8 +14,6 @@ from gscpe.report.encode import data_uri
 from gscpe.report.ground import GroundPlane, density_picture
 from gscpe.report.svg import element, round_down
 from gscpe.scene import Map
-
-_T = TypeVar("_T")
 
 WIDTH = 960.0
 """Of a drawing, pixels."""
@@ -131,10 +129,3 @@ def scale_bar(frame: Frame, metres_per_unit: float | None) -> Markup:
         element("path", d=f"M{x:g} {y - 6:.1f}v6h{width:.1f}v-6", class_="bar"),
         element("text", text, x=x + width / 2, y=y - 8, text_anchor="middle", class_="halo"),
     )
-
-
-def thinned(items: Sequence[_T], most: int) -> list[_T]:
-    """So many of them at most, evenly."""
-    if len(items) <= most:
-        return list(items)
-    return [items[i] for i in np.rint(np.linspace(0, len(items) - 1, most)).astype(int)]

@@ -13,6 +13,7 @@ from gscpe.arrays import Float64Array
 from gscpe.evaluation import SceneRun
 from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import PoseDifference, camera_centres
+from gscpe.geometry.spread import thinned
 from gscpe.report.ground import choose_ground_plane
 from gscpe.report.seen_from_above import (
     Frame,
@@ -21,7 +22,6 @@ from gscpe.report.seen_from_above import (
     drawing_of,
     frame_around,
     scale_bar,
-    thinned,
 )
 from gscpe.report.settings import ReportSettings
 from gscpe.report.svg import element, round_down

@@ -12,6 +12,7 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre, camera_centres
+from gscpe.geometry.spread import thinned
 from gscpe.poses.hloc import parse_pose
 from gscpe.report.ground import choose_ground_plane
 from gscpe.scene import Map
@@ -155,15 +156,15 @@ def contents_of(
     notes: list[str] = []
     shown: list[ShownCamera] = [
         ShownCamera("reference", references.names[i], references.cam_from_world[i], camera)
-        for i, camera in _thinned(list(enumerate(references.cameras)), most_cameras)
+        for i, camera in thinned(list(enumerate(references.cameras)), most_cameras)
     ]
     if len(shown) < len(references):
         notes.append(f"{len(shown)} of {references.count_text()} are drawn.")
     if references.virtual:
         notes.append("The references are renders of the splat; there are no photos of them.")
     known = dict.fromkeys([*findings.details, *findings.poses, *findings.truth])
-    thinned = _thinned if like is None else _thinned_by_halves
-    names = set(thinned(list(known), most_cameras))
+    chosen = thinned if like is None else _thinned_by_halves
+    names = set(chosen(list(known), most_cameras))
     if len(names) < len(known):
         notes.append(f"{len(names)} of {len(known)} localized photos are drawn.")
     fallback = references.cameras[0] if len(references) else _NO_CAMERA
@@ -264,19 +265,12 @@ def _frustum_depth(centres: Float64Array, depth: float) -> float:
     low, high = 0.03 * depth, 0.2 * depth
     if len(centres) < 2:
         return high
-    some = np.array(_thinned(list(centres), MOST_CAMERAS))
+    some = np.array(thinned(list(centres), MOST_CAMERAS))
     apart = np.linalg.norm(some[:, None] - some[None], axis=2)
     apart[apart < 0.2 * low] = np.inf  # the same photo, coarse and final
     nearest = apart.min(axis=1)
     known = nearest[np.isfinite(nearest)]
     return float(np.clip(np.median(known), low, high)) if len(known) else high
-
-
-def _thinned(items: Sequence[_T], most: int) -> list[_T]:
-    """At most so many, evenly spread, the first and the last among them."""
-    if len(items) <= most:
-        return list(items)
-    return [items[i] for i in np.rint(np.linspace(0, len(items) - 1, most)).astype(int)]
 
 
 def _thinned_by_halves(items: Sequence[_T], most: int) -> list[_T]:

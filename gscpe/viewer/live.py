@@ -77,11 +77,10 @@ class Live(Closing):
     def add(self, frame: Frame, result: TrackingResult | None) -> None:
         """A frame of a camera that is followed; see :class:`gscpe.following.Observes`."""
         with self._lock:
-            pose = None if result is None else result.cam_from_world
-            if pose is not None:
-                self._trajectory[float(frame.stamp)] = pose
+            if result is not None and result.cam_from_world is not None:
+                self._trajectory[float(frame.stamp)] = result.cam_from_world
                 self._camera, self._picture = frame.camera, frame.image
-                status = "" if result is None else str(result.status)
+                status = str(result.status)
             else:
                 reason = (frame.trouble if result is None else result.reason) or "not known why"
                 self._lost[frame.name] = reason

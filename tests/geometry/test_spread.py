@@ -8,7 +8,7 @@ import pytest
 from helpers import random_pose
 
 from gscpe.geometry.pose_error import camera_centre, camera_centres
-from gscpe.geometry.spread import even_directions, farthest_first
+from gscpe.geometry.spread import even_directions, farthest_first, thinned
 
 
 @pytest.mark.parametrize("count", [32, 96, 500])
@@ -38,6 +38,11 @@ def test_weighted_points_come_first() -> None:
 def test_no_place_is_chosen_twice() -> None:
     points = np.repeat(np.eye(3), 4, axis=0)
     assert len(farthest_first(points, 12)) == 3
+
+
+def test_what_is_thinned_keeps_its_ends() -> None:
+    assert thinned(range(9), 5) == [0, 2, 4, 6, 8]
+    assert thinned(["a", "b"], 5) == ["a", "b"]
 
 
 def test_centres_of_many_cameras(rng: np.random.Generator) -> None:
