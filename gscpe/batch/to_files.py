@@ -56,9 +56,13 @@ def localize_to_files(
         resume, told: as :func:`gscpe.batch.localize_with`.
 
     Raises:
-        OutputError: a file cannot be written.
+        OutputError: a file cannot be written, or a photo's name cannot be in a pose file (before
+            anything is done).
         GscpeError: what making a crew and its work raise.
     """
+    if files.final is not None or files.coarse is not None:
+        for query in queries:
+            quoted_name(query.name)
     if workers is None:
         workers = 1 if scheduler else choose_workers(instructions, len(queries))
     with make_crew(instructions, workers, scheduler, progress) as crew:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 from scenes import ROOM_POSE, room, room_camera, room_map
 
+from gscpe.batch.to_files import write_poses
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
 from gscpe.photos import write_image
 from gscpe.poses.hloc import format_pose, read_poses
 from gscpe.scene import save_map
+from gscpe.scene.query_list import read_query_list
 
 CAMERA = room_camera(240, 180)
 POSES = {
@@ -127,3 +130,24 @@ def test_arguments_that_do_not_fit(
     with pytest.raises(SystemExit):
         main(["localize", "room.gsmap", *arguments])
     assert message in capsys.readouterr().err
+
+
+def test_a_name_that_no_pose_file_can_hold_ends_a_list_before_it_begins(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "photos").mkdir()
+    shutil.copy(folder / "photos" / "my photo 1.png", tmp_path / "photos" / "two\nlines.png")
+    words = ["localize", str(folder / "room.gsmap"), "--images", str(tmp_path / "photos")]
+    words += ["--camera", CAMERA.colmap_text(), "--output", str(tmp_path / "poses.txt")]
+    assert main(words) == 2
+    assert "cannot be in a text file of poses" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["photos"]
+
+
+def test_a_name_that_is_no_utf8_is_read_as_it_was_written(tmp_path: Path) -> None:
+    name = b"K\xfcche.png".decode("utf-8", errors="surrogateescape")
+    details = [{"name": name, "status": "localized", "cam_from_world": format_pose(ROOM_POSE)}]
+    write_poses(details, tmp_path / "poses.txt", "final")
+    assert list(read_poses(tmp_path / "poses.txt")) == [name]
+    (tmp_path / "list.txt").write_bytes(b"K\xfcche.png\n")
+    assert [query.name for query in read_query_list(tmp_path / "list.txt", CAMERA)] == [name]
