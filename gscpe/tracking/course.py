@@ -121,7 +121,8 @@ class Course:
                 self.state = None
             return lost(outcome)
         followed, covariance = outcome
-        followed = aligned_between(followed, frame, self._anchors, self._settings)
+        if self._settings.between:
+            followed = aligned_between(followed, frame, self._anchors, self._settings)
         status = self._accept(followed, frame, elapsed)
         self._check.begin(frame, image, camera, followed, covariance)
         return TrackingResult(

@@ -62,6 +62,7 @@ class TrackingSettings:
             all anchors (root mean square).
         farthest_pixels: beyond this, a frame waits for the next anchor if it may wait.
         anchors: so many are kept, for cameras that turn back.
+        between: a frame between two anchors is aligned with both.
         patience: frames without a pose until the localizer is asked; with ``wait``, it is asked at
             once for a frame that does not look like the map.
         kept_frames: frames that are kept while it works, to carry its answer forward.
@@ -80,6 +81,7 @@ class TrackingSettings:
     anchor_pixels: float = 8.0
     farthest_pixels: float = 40.0
     anchors: int = 4
+    between: bool = True
     patience: int = 3
     kept_frames: int = 60
     solver: LucasKanadeSettings = field(
@@ -102,6 +104,7 @@ class TrackingSettings:
             judged_pixels=5_000,
             anchor_pixels=6.0,
             farthest_pixels=18.0,
+            between=False,
         )
 
     def __post_init__(self) -> None:
