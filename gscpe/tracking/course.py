@@ -17,6 +17,7 @@ from gscpe.tracking.check import Check
 from gscpe.tracking.follow import (
     Followed,
     Judge,
+    covariance_of,
     doubt_about_picture,
     doubt_about_sigmas,
     follow,
@@ -197,7 +198,11 @@ class Course:
         if doubt is not None:
             return doubt
         covariance = self._judge.covariance(found, frame)
-        doubt = doubt_about_sigmas(covariance, found.anchor, trust, self._localizer.map.frame)
+        map_frame = self._localizer.map.frame
+        doubt = doubt_about_sigmas(covariance, found.anchor, trust, map_frame)
+        if doubt is not None:  # few pixels of a blurred frame say less than all of them
+            covariance = covariance_of(found, frame, self._settings, all_pixels=True)
+            doubt = doubt_about_sigmas(covariance, found.anchor, trust, map_frame)
         return (found, covariance) if doubt is None else doubt
 
     def _accept(self, followed: Followed, frame: Frame, elapsed: float) -> TrackingStatus:

@@ -122,9 +122,18 @@ def doubt_about_picture(followed: Followed, trust: TrustSettings, sure: bool) ->
     return None
 
 
-def covariance_of(followed: Followed, frame: Frame, settings: TrackingSettings) -> Float64Array:
-    """(6, 6) of xi in ``exp(xi) @ cam_from_world``, world units and radians."""
-    judged = followed.anchor.judged
+def covariance_of(
+    followed: Followed, frame: Frame, settings: TrackingSettings, all_pixels: bool = False
+) -> Float64Array:
+    """(6, 6) of xi in ``exp(xi) @ cam_from_world``, world units and radians.
+
+    Args:
+        followed: the frame, as it was aligned.
+        frame: the frame.
+        settings: of the tracker.
+        all_pixels: of the template, not the few by which frames are judged.
+    """
+    judged = followed.anchor.template if all_pixels else followed.anchor.judged
     # The covariance grows with the root of rho, which is measured against what independent pixels
     # would give: with fewer of them, the same errors look less correlated.
     fewer = np.sqrt(LucasKanadeSettings().max_template_pixels / len(judged.intensities))

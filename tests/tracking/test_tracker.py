@@ -40,6 +40,7 @@ from gscpe.evaluation import normalized_error_squared
 from gscpe.geometry import se3
 from gscpe.refinement import LucasKanadeSettings
 from gscpe.tracking.anchors import Anchor
+from gscpe.tracking.follow import Judge
 
 WAITS = TrackingSettings(wait=True)
 
@@ -105,6 +106,19 @@ def test_follows_a_camera(tracker: Tracker, rate: float | None) -> None:
         assert result.anchor_age is not None
         assert 0 <= result.anchor_age <= index
         assert result.agreement > 0.6
+
+
+def test_all_pixels_are_asked_before_a_frame_is_lost(
+    tracker: Tracker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The few pixels by which frames are judged may say too little of a blurred one."""
+    monkeypatch.setattr(Judge, "covariance", lambda *_: 1e6 * np.eye(6))
+    results = [tracker.track(picture(index), CAMERA) for index in range(4)]
+    assert [result.status for result in results] == ["relocalized", *(3 * ["tracking"])]
+    for index, result in enumerate(results):
+        right(result, pose(index))
+        assert result.covariance is not None
+        assert np.sqrt(np.trace(result.covariance)) < 0.05
 
 
 def test_anchors_are_rendered_on_the_way(localizer: Localizer) -> None:
