@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Everything about gscpe that must be seen on a real graphics driver, as one page of Markdown.
 #
-# Usage: tools/bench_gpu.sh [MAP_OR_PLY [PHOTO...]]      (PYTHON=... for another interpreter)
+# Usage: tools/bench_gpu.sh [MAP_OR_PLY]      (PYTHON=... for another interpreter)
 #
-# Without a map, a made-up splat. Photos default to five of GSCPE_DATA/redkitchen, if that is there.
+# Without a map, a made-up splat. With one of RedKitchen, and GSCPE_DATA, photos and tracking, too.
 # Under 4 minutes on a GPU; on a software driver, the tables take fewer turns. Exit status: how
 # many sections failed.
 set -uo pipefail
@@ -12,8 +12,6 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 python=${PYTHON:-$root/.venv/bin/python}
 export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH} PYTHONUNBUFFERED=1
 splat=${1:+$(realpath "$1")}
-photos=()
-for photo in "${@:2}"; do photos+=(--photo "$(realpath "$photo")"); done
 cd "$root" || exit 1
 failed=0
 
@@ -58,8 +56,10 @@ section "OpenGL against the CPU rasterizer" 60 "$python" tools/bench_gpu.py agre
 section "A frame at 640x480" 60 "$python" tools/bench_gpu.py frame ${splat:+"$splat"}
 if [ -n "$splat" ]; then
     section "Render table" 90 "$python" tools/bench_render.py "$splat" --repeats 3
-    section "Query" 60 "$python" tools/bench_gpu.py query "$splat" "${photos[@]}"
-    section "Tracking" 60 "$python" tools/bench_gpu.py track "$splat"
+fi
+if [ -n "$splat" ] && [ -d "${GSCPE_DATA:-}/redkitchen" ]; then
+    section "Photos" 120 "$python" tools/bench_easy.py "$splat" --queries 100
+    section "Tracking" 60 "$python" tools/bench_tracking.py "$splat"
 fi
 printf '\n%s\n' "$([ $failed -eq 0 ] && echo 'All sections passed.' || echo "$failed sections FAILED.") $SECONDS s in all."
 exit $failed
