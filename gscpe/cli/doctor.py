@@ -23,7 +23,7 @@ from gscpe.splats import GaussianScene
 
 _REQUIRED = (
     *("numpy", "scipy", "opencv-contrib-python-headless"),
-    *("onnxruntime", "platformdirs", "scikit-image", "tqdm", "trimesh"),
+    *("onnxruntime", "platformdirs", "scikit-image", "tqdm", "threadpoolctl", "trimesh"),
 )
 _OPTIONAL = {
     "moderngl": "rendering with OpenGL (it has no wheel for Arm Linux)",

@@ -12,6 +12,7 @@ from typing import Iterator, Sequence
 import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.blas import one_blas_thread
 from gscpe.closing import Closing
 from gscpe.coarse import estimate_coarse_pose
 from gscpe.errors import CameraError, ClosedError, MapError, PoseError, SettingsError
@@ -106,7 +107,7 @@ class Localizer(Closing):
         Raises:
             ClosedError: the localizer is closed.
         """
-        with self._lock:
+        with self._lock, one_blas_thread():
             if self._closed:
                 raise ClosedError("this localizer is closed")
             yield

@@ -6,6 +6,8 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Callable, Generic, TypeVar
 
+from gscpe.blas import one_blas_thread
+
 _T = TypeVar("_T")
 
 
@@ -23,7 +25,7 @@ class Errand(Generic[_T]):
 
     def begin(self, work: Callable[[], _T]) -> None:
         assert self._future is None
-        self._future = self._pool.submit(work)
+        self._future = self._pool.submit(_on_one_blas_thread, work)
 
     def fetch(self, patience: float | None = 0.0) -> tuple[_T] | None:
         """What came of it, once; None where nothing is there after so many seconds (None: waits
@@ -47,3 +49,8 @@ class Errand(Generic[_T]):
     def close(self) -> None:
         """Waits for what has begun, and ends the thread."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _on_one_blas_thread(work: Callable[[], _T]) -> _T:
+    with one_blas_thread():
+        return work()

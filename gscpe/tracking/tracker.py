@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gscpe.arrays import UInt8Array
+from gscpe.blas import one_blas_thread
 from gscpe.closing import Closing
 from gscpe.errors import ClosedError, InputError, MapError, PoseError, SettingsError
 from gscpe.geometry.camera import Camera
@@ -111,7 +112,7 @@ class Tracker(Closing):
                 background, for an earlier frame.
             ClosedError: the tracker or its localizer is closed.
         """
-        with self._lock:
+        with self._lock, one_blas_thread():
             begin = clock.perf_counter()
             if self._closed:
                 raise ClosedError("this tracker is closed")
