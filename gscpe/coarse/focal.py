@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float64Array, short_repr
-from gscpe.coarse.pnp import PnPSettings, cell_crowds, normal_equations, solve_observed
+from gscpe.arrays import Float64Array, short_repr
+from gscpe.coarse.least_squares import Matches2D3D
+from gscpe.coarse.pnp import PnPSettings
 from gscpe.coarse.ransac import sample_absolute_pose
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
-from gscpe.geometry.projection import pose_jacobian, project, transform_points
+from gscpe.geometry.projection import transform_points
 
 _BEHIND = 1e-6
 _ITERATIONS = 50
@@ -107,6 +108,7 @@ def estimate_focal_length(
         pnp: thresholds of the matches.
         settings: see :class:`FocalSettings`.
     """
+    matches = Matches2D3D(points_world, pixels, guess, pnp.cells)
     best: tuple[int, Camera, Float64Array] | None = None
     for factor in np.geomspace(settings.widest, settings.narrowest, settings.steps):
         camera = _times(guess, factor)
@@ -118,9 +120,9 @@ def estimate_focal_length(
         )
         if cam_from_world is None:
             continue
-        near, _ = _near(points_world, pixels, camera, cam_from_world, pnp.inlier_pixels)
-        if best is None or near.sum() > best[0]:
-            best = int(near.sum()), camera, cam_from_world
+        inliers = matches.projected(cam_from_world, factor).within(pnp.inlier_pixels)
+        if best is None or inliers.sum() > best[0]:
+            best = int(inliers.sum()), camera, cam_from_world
     if best is None or best[0] < settings.min_inliers:
         agreeing = 0 if best is None else best[0]
         return (
@@ -196,47 +198,28 @@ def solve_focal_length(
     Arguments as :func:`estimate_focal_length`; ``cam_from_world``: (4, 4), the start;
     ``smallest_step``: of all seven numbers, which ends the iteration.
     """
-    given = camera.fx
+    matches = Matches2D3D(points_world, pixels, camera, pnp.cells)
+    zoom = 1.0
     for _ in range(_ITERATIONS):
         # Wider than an inlier: the focal length may still be off by a step.
-        near, squared = _near(points_world, pixels, camera, cam_from_world, 3 * pnp.inlier_pixels)
-        if near.sum() < _MIN_MATCHES:
-            return None
-        points_in_cam = transform_points(cam_from_world, points_world[near])
-        predicted = project(camera, points_in_cam)
-        residuals = pixels[near] - predicted
-        weights = 1.0 / (1.0 + squared[near] / pnp.noise_pixels**2)
-        weights /= cell_crowds(pixels[near], camera, pnp.cells)
-        by_focal = predicted - np.array([camera.cx, camera.cy])
-        jacobian = np.concatenate(
-            [pose_jacobian(camera, points_in_cam), by_focal[:, :, None]], axis=2
+        equations = matches.equations(
+            cam_from_world, 3 * pnp.inlier_pixels, pnp.noise_pixels, _MIN_MATCHES, zoom
         )
-        hessian, gradient = normal_equations(jacobian, weights, residuals)
-        step = solve_observed(hessian, gradient)
+        if equations is None:
+            return None
+        step = equations.step()
         cam_from_world = se3.exp(step[:6]) @ cam_from_world
-        camera = _times(camera, float(np.exp(np.clip(step[6], -0.2, 0.2))))
+        zoom *= float(np.exp(np.clip(step[6], -0.2, 0.2)))
         if np.abs(step).max() < smallest_step:
             break
-    variance = float(np.sum(weights * squared[near]) / (2.0 * np.sum(weights)))
-    covariance = pnp.noise_correlation * variance * covariance_from_information(hessian)
+    covariance = (
+        pnp.noise_correlation
+        * equations.variance()
+        * covariance_from_information(equations.hessian)
+    )
     sigma = float(np.sqrt(covariance[6, 6]))
-    near, _ = _near(points_world, pixels, camera, cam_from_world, pnp.inlier_pixels)
-    return FocalEstimate(camera, cam_from_world, camera.fx / given, sigma, int(near.sum()))
-
-
-def _near(
-    points_world: Float64Array,
-    pixels: Float64Array,
-    camera: Camera,
-    cam_from_world: Float64Array,
-    threshold: float,
-) -> tuple[BoolArray, Float64Array]:
-    """Which matches reproject within the threshold, and squared errors in pixels, (N,) each."""
-    points_in_cam = transform_points(cam_from_world, points_world)
-    ahead = points_in_cam[:, 2] > _BEHIND
-    points_in_cam[~ahead] = (0.0, 0.0, 1.0)
-    squared = np.sum((pixels - project(camera, points_in_cam)) ** 2, axis=1)
-    return ahead & (squared < threshold**2), squared
+    inliers = matches.projected(cam_from_world, zoom).within(pnp.inlier_pixels)
+    return FocalEstimate(_times(camera, zoom), cam_from_world, zoom, sigma, int(inliers.sum()))
 
 
 def _times(camera: Camera, factor: float) -> Camera:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.errors import SettingsError
+from gscpe.photos.local_window import at_full_size, local_mean
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,10 @@ def normalize_locally(rgb: UInt8Array, sigma: float = 8.0) -> UInt8Array:
     """Luminance, (H, W) uint8, less its local mean and divided by its local deviation: photo
     and render differ in exposure and contrast, which pulls an unnormalized match aside."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    mean = cv2.GaussianBlur(grey, (0, 0), sigma)
-    difference = grey - mean
-    deviation = np.sqrt(cv2.GaussianBlur(difference * difference, (0, 0), sigma))
-    return np.asarray(
-        np.clip(128.0 + 40.0 * difference / (deviation + 2.0), 0.0, 255.0), dtype=np.uint8
-    )
+    difference = grey - at_full_size(local_mean(grey, sigma), grey)
+    deviation = np.sqrt(local_mean(difference * difference, sigma))
+    normalized = 128.0 + difference * at_full_size(40.0 / (deviation + 2.0), grey)
+    return np.asarray(np.clip(normalized, 0.0, 255.0), dtype=np.uint8)
 
 
 def for_polishing(rgb: UInt8Array, settings: PolishSettings | None) -> UInt8Array | None:

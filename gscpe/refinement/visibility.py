@@ -39,7 +39,7 @@ class VisibilitySettings:
     """
 
     min_opacity: float = 0.9
-    views: int = 2
+    views: int = 0
     depth_tolerance: float = 0.02
     min_votes: float = 0.3
     perturbation: float = 0.05

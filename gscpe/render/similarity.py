@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from gscpe.arrays import BoolArray, Float32Array
+from gscpe.photos.local_window import at_full_size, local_mean
 
 _MIN_STANDARD_DEVIATION = 0.01
 _MIN_PIXELS = 100
@@ -25,8 +24,10 @@ def local_correlation(
     Returns:
         The correlation over valid pixels; NaN where too few have anything to compare.
     """
-    a, a_deviation = _normalize(first, valid, window_sigma)
-    b, b_deviation = _normalize(second, valid, window_sigma)
+    weight = valid.astype(np.float32)
+    total = np.maximum(local_mean(weight, window_sigma), np.float32(1e-3))
+    a, a_deviation = _normalize(first, weight, total, window_sigma)
+    b, b_deviation = _normalize(second, weight, total, window_sigma)
     # Textured where either image says so: a flat render of a textured place disagrees.
     textured = valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
     if np.count_nonzero(textured) < _MIN_PIXELS:
@@ -39,18 +40,13 @@ def local_correlation(
 
 
 def _normalize(
-    image: Float32Array, valid: BoolArray, sigma: float
+    image: Float32Array, weight: Float32Array, total: Float32Array, sigma: float
 ) -> tuple[Float32Array, Float32Array]:
-    """The image with local mean 0 and deviation 1 over valid pixels; and the deviation."""
-    weight = valid.astype(np.float32)
-    total = np.maximum(_window(weight, sigma), 1e-3)
-    mean = _window(image * weight, sigma) / total
+    """The image with local mean 0 and deviation 1 over valid pixels; and the deviation.
+
+    ``total`` is the local mean of the weight of each pixel.
+    """
+    mean = at_full_size(local_mean(image * weight, sigma) / total, image)
     centred = (image - mean) * weight
-    deviation = np.sqrt(_window(centred * centred, sigma) / total)
-    normalized = centred / np.maximum(deviation, _MIN_STANDARD_DEVIATION)
-    return normalized.astype(np.float32), deviation.astype(np.float32)
-
-
-def _window(image: NDArray[np.floating], sigma: float) -> Float32Array:
-    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma)
-    return np.asarray(blurred, dtype=np.float32)
+    deviation = at_full_size(np.sqrt(local_mean(centred * centred, sigma) / total), image)
+    return centred / np.maximum(deviation, np.float32(_MIN_STANDARD_DEVIATION)), deviation
