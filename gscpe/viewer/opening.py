@@ -15,13 +15,14 @@ from typing import Iterator
 import cv2
 import numpy as np
 
-from gscpe.arrays import BoolArray, Float32Array, Float64Array
+from gscpe.arrays import BoolArray, Float64Array
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import transform_points
 from gscpe.geometry.spread import farthest_first
 from gscpe.render import RenderedView, Renderer
+from gscpe.splats import GaussianScene
 from gscpe.viewer.cameras import ShownCamera, Viewpoint, frustum_corners
 from gscpe.viewer.contents import Contents
 from gscpe.viewer.framing import (
@@ -32,7 +33,7 @@ from gscpe.viewer.framing import (
     upright_rotation,
 )
 
-ANGLE = math.radians(50.0)
+_ANGLE = math.radians(50.0)
 """Of the window's height."""
 
 _WINDOW = (160, 100)  # pixels in which candidates are judged
@@ -56,30 +57,53 @@ _OF_CAMERAS = 0.05
 """What it is worth to have all cameras in the picture, of having all surfaces in it."""
 
 
-def opening(contents: Contents, renderer: Renderer, means: Float32Array) -> Viewpoint:
+def opening(contents: Contents, renderer: Renderer, scene: GaussianScene) -> Viewpoint:
     """Where somebody who opens the map looks from, upright.
 
     Args:
         contents: cameras and a trajectory, all of which may be missing; up and typical depth.
         renderer: of the map.
-        means: (N, 3) of its Gaussians, which are looked at where there are no cameras.
+        scene: the map's, which is looked at where there are no cameras.
 
     Raises:
         RenderError: rendering failed.
     """
-    width, height = _WINDOW
-    focal = height / 2 / math.tan(ANGLE / 2)
-    window = Camera(width, height, focal, focal, width / 2, height / 2)
+    window = _window()
     surfaces = _Surfaces(contents, renderer)
     if len(surfaces.points):
-        poses = _candidates(contents, window)
-        pose = max(poses, key=lambda each: surfaces.score(renderer.render(window, each)))
+        solid = scene.means[scene.opacities > 0.5]
+
+        def score(pose: Float64Array) -> float:
+            apart = np.linalg.norm(solid - camera_centre(pose).astype(np.float32), axis=1)
+            # Renders leave out what is so near, as the wall that one stands in.
+            worth = surfaces.score(renderer.render(window, pose))
+            return worth - bool(np.any(apart < scene.near))
+
+        pose = max(_candidates(contents, window), key=score)
     else:
-        middle = np.quantile(means, (0.05, 0.95), axis=0) if len(means) else np.zeros((2, 3))
+        middle = np.quantile(scene.means, (0.05, 0.95), axis=0)
         corners = np.array(list(itertools.product(*middle.T)))
         pose = framing_pose(corners, contents.axes[1], _ELEVATIONS[-1], contents.up, window)
-    quaternion, position = se3.to_quaternion_translation(se3.inverse(pose))
-    return Viewpoint(position, quaternion, ANGLE)
+    return _viewpoint(pose)
+
+
+def from_afar(contents: Contents) -> Viewpoint:
+    """From behind and above, where all cameras and what they look at are in the window; walls may
+    be in the way."""
+    points = np.concatenate([shown_points(contents), looked_at(contents)])
+    ahead = mean_look(contents)
+    return _viewpoint(framing_pose(points, ahead, _ELEVATIONS[-1], contents.up, _window()))
+
+
+def _window() -> Camera:
+    width, height = _WINDOW
+    focal = height / 2 / math.tan(_ANGLE / 2)
+    return Camera(width, height, focal, focal, width / 2, height / 2)
+
+
+def _viewpoint(cam_from_map: Float64Array) -> Viewpoint:
+    quaternion, position = se3.to_quaternion_translation(se3.inverse(cam_from_map))
+    return Viewpoint(position, quaternion, _ANGLE)
 
 
 def _candidates(contents: Contents, window: Camera) -> Iterator[Float64Array]:

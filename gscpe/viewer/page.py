@@ -18,7 +18,7 @@ from gscpe.viewer.cameras import KINDS, TITLES, Kind, ShownCamera, Viewpoint
 from gscpe.viewer.contents import Contents
 from gscpe.viewer.cut_splat import CutSplat
 from gscpe.viewer.flight import Flight
-from gscpe.viewer.opening import opening
+from gscpe.viewer.opening import from_afar, opening
 from gscpe.viewer.photo_controls import PhotoControls
 from gscpe.viewer.photos import Photos
 from gscpe.viewer.server import check_viser, page_url, start_server, stop_server
@@ -77,7 +77,7 @@ class Viewer(Closing):
         self._lock = threading.Lock()
         self._closed = threading.Event()
         try:
-            afar = opening(contents, self._renderer, self._splat.means)
+            begin = opening(contents, self._renderer, map_.scene)
             self._server = start_server(host, port, "gscpe")
         except BaseException:
             self._renderer.close()
@@ -86,7 +86,7 @@ class Viewer(Closing):
         self._cut = CutSplat(self._server, self._splat, self._unit, contents.axes)
         self._nodes = CameraNodes(self._server, self._unit, photos, self._go)
         self._add_panel(photos, grows)
-        self._look_from(afar, contents.up)
+        self._look_from(begin, contents.up)
         self.show(contents)
 
     @property
@@ -108,6 +108,7 @@ class Viewer(Closing):
             self.contents = contents
             self._nodes.show(contents)
             self._photos.show(contents, self._nodes)
+            self._photos.afar = from_afar(contents)
             self._walk.show(contents.trajectory, contents.frustum_depth, picture)
             self._summary.content = summary_html(self._name, self._splat, contents)
             self._legend.content = legend_html(contents)
@@ -142,17 +143,17 @@ class Viewer(Closing):
     def _go(self, client: viser.ClientHandle, shown: ShownCamera) -> None:
         self._photos.go(client, shown)
 
-    def _look_from(self, afar: Viewpoint, up: Float64Array) -> None:
-        """Where new browsers look from, and where the button leads back to."""
-        self._photos.afar = afar
+    def _look_from(self, begin: Viewpoint, up: Float64Array) -> None:
+        """Where new browsers look from, and where a button leads back to."""
+        self._photos.begin = begin
         camera = self._server.initial_camera
-        turn = se3.from_quaternion_translation(afar.quaternion, [0, 0, 0])[:3, :3]
+        turn = se3.from_quaternion_translation(begin.quaternion, [0, 0, 0])[:3, :3]
         reach = self._flight.depth * self._unit
         self._server.scene.set_up_direction(up)
-        camera.position = self._unit * afar.position
-        camera.look_at = self._unit * afar.position + reach * turn[:, 2]
+        camera.position = self._unit * begin.position
+        camera.look_at = self._unit * begin.position + reach * turn[:, 2]
         camera.up = up
-        camera.fov = afar.vertical_angle
+        camera.fov = begin.vertical_angle
         camera.far = max(1000.0, 200.0 * reach)
 
     def _add_panel(self, photos: Photos, grows: bool) -> None:
