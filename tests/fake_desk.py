@@ -11,7 +11,7 @@ from typing import Any
 
 from gscpe.batch.in_process import Talk
 from gscpe.errors import PhotoError, RenderError
-from gscpe.service.desk import DECODED, DECODING, LocalizeJob
+from gscpe.service.desk import DECODING, WORKING, LocalizeJob
 from gscpe.service.problem import problem_of
 
 
@@ -33,7 +33,7 @@ class FakeDesk:
         talk.tell(DECODING)
         if what == "slow-decode":
             time.sleep(100)
-        talk.tell(DECODED)
+        talk.tell(WORKING)
         return getattr(self, what)(rest, talk)
 
     def echo(self, text: str, talk: Talk) -> dict[str, Any]:
@@ -70,6 +70,14 @@ class FakeDesk:
                 raise
             time.sleep(0.01)
         return self.echo("waited", talk)
+
+    def toil(self, seconds: str, talk: Talk) -> dict[str, Any]:
+        """So long, with a sign of life now and then."""
+        end = time.monotonic() + float(seconds)
+        while time.monotonic() < end:
+            time.sleep(0.05)
+            talk.tell(WORKING)
+        return self.echo("done", talk)
 
     def fail(self, text: str, talk: Talk) -> Any:
         raise RenderError(text)

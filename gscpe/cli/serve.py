@@ -68,7 +68,8 @@ def add_parser(commands: Commands) -> None:
         metavar="SECONDS",
         type=positive,
         default=int(Limits.seconds),
-        help="a worker that needs longer for a photo is replaced, and the photo is tried once more "
+        help="a worker that gives no sign of life for so long (it gives one at each step of its "
+        "work) is replaced, and the photo is tried once more "
         f"(default: {Limits.seconds:g})",
     )
     parser.add_argument(

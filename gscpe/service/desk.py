@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +28,12 @@ from gscpe.service.problem import Problem, failed, problem_of, too_large
 
 _log = logging.getLogger(__name__)
 
-DECODING, DECODED = "decoding", "decoded"
-"""What a worker tells when it begins with a photo, and once its pixels are there."""
+DECODING, WORKING = "decoding", "working"
+"""What a worker tells when it begins with a photo, and from then on at each step, now and then: who
+is slow does not hang."""
+
+_BREATH = 1.0
+"""Seconds between two signs of life."""
 
 _QUALITY = 88
 
@@ -107,7 +112,7 @@ class Desk(Closing):
         if isinstance(job, LocalizeJob):
             talk.tell(DECODING)
             photo = OnePhoto.decode(job.photo, job.name, job.camera)
-            talk.tell(DECODED)
+            talk.tell(WORKING)
             talk.stop_if_told()
             if not job.map:
                 return self._all_maps().localize(photo, _Watching(talk)).as_json()
@@ -137,21 +142,29 @@ def rendered(localizer: Localizer, camera: Camera, cam_from_world: Float64Array)
 
 
 class _Watching(Observer):
-    """Ends the work soon after nobody waits for it any more."""
+    """At each step: ends the work soon after nobody waits for it any more, or gives a sign of
+    life."""
 
     def __init__(self, talk: Talk) -> None:
         self._talk = talk
+        self._told = time.monotonic()
+
+    def _step(self) -> None:
+        self._talk.stop_if_told()
+        if time.monotonic() >= self._told + _BREATH:
+            self._talk.tell(WORKING)
+            self._told = time.monotonic()
 
     def round_done(
         self, view: RenderedView, matches: Matches, estimate: AbsolutePose | None
     ) -> None:
-        self._talk.stop_if_told()
+        self._step()
 
     def anchor_rendered(self, view: RenderedView) -> None:
-        self._talk.stop_if_told()
+        self._step()
 
     def mask_made(self, mask: BoolArray) -> None:
-        self._talk.stop_if_told()
+        self._step()
 
     def attempted(self, attempt: Attempt) -> None:
-        self._talk.stop_if_told()
+        self._step()

@@ -23,7 +23,7 @@ class Limits:
         pixels: of a photo: a small file may hold a picture that fills the memory.
         upload_seconds: that the body may take to arrive.
         decode_seconds: that a worker may take to decode a photo.
-        seconds: that a worker may take for the rest.
+        seconds: for which a worker may give no sign of life after that; it gives one at each step.
         queue: requests at a time that are uploaded, wait or are worked on; more are turned away.
         trackers: cameras that are followed at a time, a process each.
     """

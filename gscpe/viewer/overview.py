@@ -31,14 +31,13 @@ from gscpe.viewer.cameras import (
 )
 from gscpe.viewer.contents import Contents
 from gscpe.viewer.ellipsoids import Ellipsoid
+from gscpe.viewer.framing import framing_pose, looked_at, mean_look, shown_points
 from gscpe.viewer.photos import Photos
 
 Colour = tuple[int, int, int]
 
 _ELEVATION = math.radians(30.0)
 _HALF_ANGLE = math.radians(25.0)  # of the picture's height
-_MARGIN = 0.92  # of the picture that what must be seen fills
-_SEEN = 0.5  # of what cameras see at the typical depth belongs to the picture
 _BEHIND = 0.8
 """Of the distance to the nearest camera: what lies before is not drawn, as walls of the room."""
 
@@ -109,31 +108,9 @@ def overview_pose(contents: Contents, camera: Camera) -> tuple[Float64Array, flo
 
     It looks where the cameras look on average, from above.
     """
-    shown = contents.cameras
-    corners = [frustum_corners(c.camera, c.cam_from_map, contents.frustum_depth) for c in shown]
-    points = np.concatenate([*corners, contents.centres(), np.zeros((0, 3))])
-    looking = np.array([c.cam_from_map[2, :3] for c in shown]).reshape(-1, 3)
-    if not len(points):
-        points = np.zeros((1, 3))
-    _, along, up = contents.axes
-    ahead = looking.mean(axis=0) if len(looking) else along
-    level = ahead - (ahead @ up) * up
-    level = along if np.linalg.norm(level) < 0.2 else level / np.linalg.norm(level)
-    # What the cameras look at belongs to the picture.
-    far = [frustum_corners(c.camera, c.cam_from_map, contents.depth)[1:5] for c in shown]
-    seen = np.array([(1 - _SEEN) * f.mean(axis=0) + _SEEN * f for f in far]).reshape(-1, 3)
-    forward = math.cos(_ELEVATION) * level - math.sin(_ELEVATION) * up
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    turned = np.concatenate([points, seen]) @ rotation.T
-    half = np.array([camera.width / camera.fx, camera.height / camera.fy]) / 2 * _MARGIN
-    # The nearest eye with |x - ex| <= half_x * (z - ez) for all points, and the same for y.
-    high = np.max(turned[:, :2] - half * turned[:, 2:], axis=0)
-    low = np.min(turned[:, :2] + half * turned[:, 2:], axis=0)
-    eye_z = float(np.min((low - high) / (2 * half)))
-    eye = np.array([*((high + low) / 2), eye_z])
-    pose = se3.from_rotation_translation(rotation, -eye)
+    points = shown_points(contents)
+    both = np.concatenate([points, looked_at(contents)])
+    pose = framing_pose(both, mean_look(contents), _ELEVATION, contents.up, camera)
     nearest = float(np.min(transform_points(pose, points)[:, 2]))
     return pose, max(_BEHIND * nearest, 1e-3 * contents.depth)
 

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Sequence
 
-from gscpe.arrays import UInt8Array
+from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.closing import Closing
 from gscpe.geometry import se3
-from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centres
 from gscpe.render import Renderer
 from gscpe.scene import Map
@@ -20,7 +18,7 @@ from gscpe.viewer.cameras import KINDS, TITLES, Kind, ShownCamera, Viewpoint
 from gscpe.viewer.contents import Contents
 from gscpe.viewer.cut_splat import CutSplat
 from gscpe.viewer.flight import Flight
-from gscpe.viewer.overview import overview_pose
+from gscpe.viewer.opening import from_afar, opening
 from gscpe.viewer.photo_controls import PhotoControls
 from gscpe.viewer.photos import Photos
 from gscpe.viewer.server import check_viser, page_url, start_server, stop_server
@@ -30,8 +28,6 @@ from gscpe.viewer.walk import Walk
 
 if TYPE_CHECKING:
     import viser
-
-_ANGLE = math.radians(50.0)
 
 
 class Viewer(Closing):
@@ -81,6 +77,7 @@ class Viewer(Closing):
         self._lock = threading.Lock()
         self._closed = threading.Event()
         try:
+            begin = opening(contents, self._renderer, map_.scene)
             self._server = start_server(host, port, "gscpe")
         except BaseException:
             self._renderer.close()
@@ -89,6 +86,7 @@ class Viewer(Closing):
         self._cut = CutSplat(self._server, self._splat, self._unit, contents.axes)
         self._nodes = CameraNodes(self._server, self._unit, photos, self._go)
         self._add_panel(photos, grows)
+        self._look_from(begin, contents.up)
         self.show(contents)
 
     @property
@@ -108,9 +106,9 @@ class Viewer(Closing):
             if self._closed.is_set():
                 return
             self.contents = contents
-            self._look_from_afar(contents)
             self._nodes.show(contents)
             self._photos.show(contents, self._nodes)
+            self._photos.afar = from_afar(contents)
             self._walk.show(contents.trajectory, contents.frustum_depth, picture)
             self._summary.content = summary_html(self._name, self._splat, contents)
             self._legend.content = legend_html(contents)
@@ -145,18 +143,17 @@ class Viewer(Closing):
     def _go(self, client: viser.ClientHandle, shown: ShownCamera) -> None:
         self._photos.go(client, shown)
 
-    def _look_from_afar(self, contents: Contents) -> None:
-        """Where new browsers look from, and where the buttons lead back to: all is seen there."""
-        afar = _overview(contents)
-        self._photos.afar = afar
+    def _look_from(self, begin: Viewpoint, up: Float64Array) -> None:
+        """Where new browsers look from, and where a button leads back to."""
+        self._photos.begin = begin
         camera = self._server.initial_camera
-        turn = se3.from_quaternion_translation(afar.quaternion, [0, 0, 0])[:3, :3]
-        reach = contents.depth * self._unit
-        self._server.scene.set_up_direction(contents.up)
-        camera.position = self._unit * afar.position
-        camera.look_at = self._unit * afar.position + reach * turn[:, 2]
-        camera.up = contents.up
-        camera.fov = afar.vertical_angle
+        turn = se3.from_quaternion_translation(begin.quaternion, [0, 0, 0])[:3, :3]
+        reach = self._flight.depth * self._unit
+        self._server.scene.set_up_direction(up)
+        camera.position = self._unit * begin.position
+        camera.look_at = self._unit * begin.position + reach * turn[:, 2]
+        camera.up = up
+        camera.fov = begin.vertical_angle
         camera.far = max(1000.0, 200.0 * reach)
 
     def _add_panel(self, photos: Photos, grows: bool) -> None:
@@ -189,10 +186,3 @@ class Viewer(Closing):
         box = self._server.gui.add_checkbox(TITLES[kind], True)
         box.on_update(lambda _: self._nodes.show_kind(kind, box.value))
         return box
-
-
-def _overview(contents: Contents) -> Viewpoint:
-    pinhole = Camera.pinhole(160, 100, fx=107.0, fy=107.0, cx=80.0, cy=50.0)
-    pose, _ = overview_pose(contents, pinhole)
-    quaternion, position = se3.to_quaternion_translation(se3.inverse(pose))
-    return Viewpoint(position, quaternion, _ANGLE)

@@ -35,7 +35,8 @@ class PhotoControls:
         renderer: of what they are compared with; it is not closed.
 
     Attributes:
-        afar: whence the whole is seen; None: one does not fly back.
+        begin: where one looks from at first.
+        afar: where all cameras are seen from. None, both: one does not fly there.
         about: says what is known of the chosen photo.
         overlay: the node of the photo that lies over the map, or None.
     """
@@ -50,6 +51,7 @@ class PhotoControls:
     ) -> None:
         self._server, self._flight, self._frame = server, flight, frame
         self._photos, self._renderer = photos, renderer
+        self.begin: Viewpoint | None = None
         self.afar: Viewpoint | None = None
         self._contents: Contents | None = None
         self._nodes: CameraNodes | None = None
@@ -65,8 +67,10 @@ class PhotoControls:
         self._difference = gui.add_checkbox("Difference, 4 times", False)
         self._difference.on_update(lambda _: self._draw_overlay())
         self.about = gui.add_html("")
-        back = gui.add_button("Back to the overview")
-        back.on_click(lambda event: self.leave(event.client))
+        back = gui.add_button("Back to the start")
+        back.on_click(lambda event: self.leave(event.client, self.begin))
+        afar = gui.add_button("All cameras, from afar")
+        afar.on_click(lambda event: self.leave(event.client, self.afar))
 
     def show(self, contents: Contents, nodes: CameraNodes) -> None:
         """Lists the photos that there are, of which the nodes are drawn."""
@@ -95,12 +99,12 @@ class PhotoControls:
             )
             self._draw_overlay()
 
-    def leave(self, client: viser.ClientHandle | None) -> None:
-        """Takes the photo away, and flies back to where the whole is seen."""
+    def leave(self, client: viser.ClientHandle | None, goal: Viewpoint | None) -> None:
+        """Takes the photo away, and flies to where more is seen."""
         with self._lock:
             self._remove_overlay()
-            if client is not None and self.afar is not None:
-                self._flight.fly(client, self.afar)
+            if client is not None and goal is not None:
+                self._flight.fly(client, goal)
 
     def _add_dropdown(self, label: str, reference: bool) -> Any:
         dropdown = self._server.gui.add_dropdown(label, (_NONE,), visible=False)

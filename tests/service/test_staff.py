@@ -74,6 +74,8 @@ def test_a_worker_that_hangs() -> None:
         bomb = answer(staff, "slow-decode")
         assert (bomb.status, bomb.error) == (422, "TooSlow")
         assert "takes more than 0.3 s to decode" in bomb.detail
+        staff._limits = Limits(seconds=1.0, decode_seconds=30.0)
+        assert answer(staff, "toil 2.5")["text"] == "done"  # who is slow does not hang
         staff._limits = limits
         assert answer(staff, "echo on")["text"] == "on"
         assert staff._metrics.replaced == 3

@@ -62,12 +62,15 @@ def test_results_arrive_in_the_contents() -> None:
 def test_the_overview_grows_too() -> None:
     pytest.importorskip("viser")
     with Live(room_map(), most_gaussians=100) as live:
-        before = np.array(live.viewer._server.initial_camera.position)
+        before, begin = live.viewer._photos.afar, live.viewer._photos.begin
         for number in range(30):  # three metres to the side
             live.add(*step(number))
         live.finish()
-        after = np.array(live.viewer._server.initial_camera.position)
-    assert np.linalg.norm(after - before) > 0.3 * live.viewer._unit
+        after = live.viewer._photos.afar
+        assert live.viewer._photos.begin is begin
+    assert before is not None
+    assert after is not None
+    assert np.linalg.norm(after.position - before.position) > 0.3
 
 
 def test_an_early_end_is_quick_and_says_nothing() -> None:

@@ -94,7 +94,7 @@ def test_a_click_on_a_frustum_flies_there(
 ) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
 
-    viewer._photos.leave(client)
+    viewer._photos.leave(client, viewer._photos.afar)
     # From behind, so that its photo is seen in the left half: the panel is on the right.
     back = 6.0 * contents.frustum_depth
     aside = 0.5 * back * math.tan(math.radians(25.0)) * client.camera.aspect
