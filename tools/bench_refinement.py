@@ -4,12 +4,11 @@
 
 Without an option, Lucas-Kanade and Adam, the paper's optimizer, from the same starts. With one:
 
---basin         how far off a start may be
---illumination  the whole pipeline on photos that were made darker, noisier, ...
---ablation      parts of the refinement left out
+--basin     how far off a start may be
+--ablation  parts of the refinement left out
 
 Usage: .venv/bin/python tools/bench_refinement.py MAP [--queries N] [--iterations N]
-           [--basin [--draws N] [--plot FILE.png] | --illumination | --ablation] [--backend NAME]
+           [--basin [--draws N] [--plot FILE.png] | --ablation] [--backend NAME]
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from pathlib import Path
 
 from _common import read_cases, redkitchen
 from refinement_compare import compare, measure_basin
-from refinement_parts import ablate, change_photos
+from refinement_parts import ablate
 
 from gscpe import Localizer, open_map
 
@@ -37,7 +36,6 @@ def main() -> int:
     what = parser.add_mutually_exclusive_group()
     for option, meaning in (
         ("basin", "how far off a start may be"),
-        ("illumination", "the whole pipeline on changed photos"),
         ("ablation", "parts of the refinement left out"),
     ):
         what.add_argument(f"--{option}", action="store_true", help=meaning)
@@ -52,8 +50,6 @@ def main() -> int:
         print(f"{len(cases)} queries, {localizer.renderer_description}, {os.cpu_count()} cores\n")
         if options.basin:
             measure_basin(localizer, cases, options.draws, options.plot)
-        elif options.illumination:
-            change_photos(localizer, cases)
         elif options.ablation:
             ablate(localizer, cases)
         else:

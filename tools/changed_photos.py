@@ -113,13 +113,13 @@ def dark(image: UInt8Array, factor: float) -> UInt8Array:
     return _bytes(factor * image.astype(np.float64) + rng.standard_normal(image.shape))
 
 
-def lit_by_one_lamp(image: UInt8Array, ambient: float = 0.02) -> UInt8Array:
-    """A spot left of the middle, a quarter of the width in its standard deviation; elsewhere,
+def lit_by_one_lamp(image: UInt8Array, ambient: float = 0.02, spread: float = 0.25) -> UInt8Array:
+    """A spot left of the middle, with so much of the width in its standard deviation; elsewhere,
     hardly any light."""
     height, width = image.shape[:2]
     y, x = np.mgrid[:height, :width] + 0.5
     squared = (x - 0.38 * width) ** 2 + (y - 0.45 * height) ** 2
-    return _taken_again(image, ambient + np.exp(-0.5 * squared / (0.25 * width) ** 2))
+    return _taken_again(image, ambient + np.exp(-0.5 * squared / (spread * width) ** 2))
 
 
 def replaced(image: UInt8Array, area_share: float, other: UInt8Array | None = None) -> UInt8Array:
@@ -134,6 +134,54 @@ def replaced(image: UInt8Array, area_share: float, other: UInt8Array | None = No
         rows = slice((block // 6) * height // 6, (block // 6 + 1) * height // 6)
         columns = slice((block % 6) * width // 6, (block % 6 + 1) * width // 6)
         result[rows, columns] = other[rows, columns]
+    return result
+
+
+def with_people(image: UInt8Array, count: int) -> UInt8Array:
+    """So many people stand in front of the camera, each nearly as high as the photo and a sixth of
+    its width; their clothes are of the astronaut's portrait. Always the same for an image."""
+    height, width = image.shape[:2]
+    rng = np.random.default_rng(int(image.sum()))
+    portrait: UInt8Array = skimage.data.astronaut()
+    result = image.copy()
+    for place in (np.arange(count) + rng.uniform(0.25, 0.75, count)) / count:
+        wide, high = round(width / 6), round(height * rng.uniform(0.85, 0.95))
+        middle, top = wide // 2, high // 8
+        figure = np.zeros((high, wide), dtype=np.uint8)
+        cv2.ellipse(figure, (middle, top), (wide // 4, top), 0, 0, 360, 1, -1)
+        cv2.ellipse(figure, (middle, 3 * high // 8), (middle, high // 5), 0, 0, 360, 1, -1)
+        cv2.rectangle(figure, (wide // 6, 3 * high // 8), (wide - wide // 6, high), 1, -1)
+        clothes = cv2.resize(portrait, (wide, high), interpolation=cv2.INTER_AREA)
+        left = round(place * width) - middle
+        columns = np.arange(max(left, 0), min(left + wide, width))
+        there = figure[:, columns - left] > 0
+        part = result[height - high :, columns]
+        part[there] = clothes[:, columns - left][there]
+        result[height - high :, columns] = part
+    return result
+
+
+def rearranged(image: UInt8Array) -> UInt8Array:
+    """Three pieces, each a tenth of the photo, have been moved sideways by a seventh of its width;
+    where they stood, there is nothing to see. So three tenths of the photo are wrong, and three
+    tenths moved alike. Always the same for an image."""
+    height, width = image.shape[:2]
+    rng = np.random.default_rng(int(image.sum()))
+    rows, columns, shift = round(0.36 * height), round(0.28 * width), round(width / 7)
+    empty = cv2.GaussianBlur(image, (0, 0), width / 20)
+    corners = [
+        (int(rng.integers(height - rows)), round((i + 0.15) * (width - columns - shift) / 2.3))
+        for i in range(3)
+    ]
+    result = image.copy()
+    for top, left in corners:
+        result[top : top + rows, left : left + columns] = empty[
+            top : top + rows, left : left + columns
+        ]
+    for top, left in corners:
+        result[top : top + rows, left + shift : left + shift + columns] = image[
+            top : top + rows, left : left + columns
+        ]
     return result
 
 
@@ -161,6 +209,9 @@ CHANGES: dict[str, Callable[[UInt8Array], UInt8Array]] = {
     "stored values x 0.1": partial(dark, factor=0.1),
     "stored values x 0.05": partial(dark, factor=0.05),
     "one lamp": lit_by_one_lamp,
+    "one small lamp": partial(lit_by_one_lamp, ambient=0.005, spread=0.15),
     "30% replaced": partial(replaced, area_share=0.3),
     "50% replaced": partial(replaced, area_share=0.5),
+    "three people": partial(with_people, count=3),
+    "furniture moved": rearranged,
 }

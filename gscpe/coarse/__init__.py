@@ -4,7 +4,7 @@
 from gscpe.coarse.focal import FocalEstimate, FocalSettings, estimate_focal_length
 from gscpe.coarse.lift import lift
 from gscpe.coarse.loop import CoarseObserver, estimate_coarse_pose
-from gscpe.coarse.one_round import CoarseResult, CoarseSettings, Round, match_render
+from gscpe.coarse.one_round import CoarseResult, CoarseSettings, LikePhoto, Round, match_render
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "CoarseSettings",
     "FocalEstimate",
     "FocalSettings",
+    "LikePhoto",
     "PnPSettings",
     "Round",
     "estimate_coarse_pose",

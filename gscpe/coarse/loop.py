@@ -7,7 +7,7 @@ import logging
 from typing import Any
 
 from gscpe.arrays import Float64Array
-from gscpe.coarse.one_round import CoarseResult, CoarseSettings, Round, match_render
+from gscpe.coarse.one_round import CoarseResult, CoarseSettings, LikePhoto, Round, match_render
 from gscpe.coarse.pnp import AbsolutePose
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
@@ -36,6 +36,7 @@ def estimate_coarse_pose(
     start_cam_from_world: Float64Array,
     settings: CoarseSettings,
     observer: CoarseObserver | None = None,
+    like_photo: LikePhoto | None = None,
 ) -> CoarseResult:
     """Renders the map at the current pose, matches, lifts, solves, and repeats.
 
@@ -47,6 +48,8 @@ def estimate_coarse_pose(
         start_cam_from_world: (4, 4), the reference pose.
         settings: see :class:`CoarseSettings`.
         observer: is told of each round.
+        like_photo: how renders are changed before they are matched, but for the first, which is
+            not from near enough to be compared with the photo.
     """
     current = start_cam_from_world
     best: Round | None = None
@@ -54,7 +57,8 @@ def estimate_coarse_pose(
     while rounds < settings.max_rounds and not converged:
         view = renderer.render(camera, current)
         rounds += 1
-        this = match_render(view, matcher, prepared_photo, camera, settings)
+        shown = like_photo if rounds > 1 else None
+        this = match_render(view, matcher, prepared_photo, camera, settings, shown)
         if observer is not None:
             observer.round_done(view, this.matches, this.estimate)
         if best is None or (this.inliers and this.inliers >= 0.5 * best.inliers):

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 
-from gscpe.arrays import Float64Array, short_repr
+from gscpe.arrays import Float32Array, Float64Array, short_repr
 from gscpe.coarse.focal import FocalEstimate, check_focal_length
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
@@ -18,6 +18,9 @@ from gscpe.geometry.pose_error import pose_difference
 from gscpe.matching import Matcher, Matches
 from gscpe.photos import to_uint8
 from gscpe.render import RenderedView
+
+LikePhoto = Callable[[RenderedView], Float32Array]
+"""The colours of a render from near the photo's pose, (H, W, 3), as the photo shows them."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,7 @@ def match_render(
     prepared_photo: Any,
     camera: Camera,
     settings: CoarseSettings,
+    like_photo: LikePhoto | None = None,
 ) -> Round:
     """Matches a render with the photo and solves for the photo's pose.
 
@@ -152,9 +156,11 @@ def match_render(
         prepared_photo: ``matcher.prepare(photo)``.
         camera: pinhole camera of the photo.
         settings: see :class:`CoarseSettings`.
+        like_photo: how the render is changed before it is matched; None: not at all.
     """
     seen = view.opacity >= settings.min_opacity
-    matches = matcher.match(prepared_photo, matcher.prepare(to_uint8(view.rgb), seen))
+    rgb = view.rgb if like_photo is None else like_photo(view)
+    matches = matcher.match(prepared_photo, matcher.prepare(to_uint8(rgb), seen))
     points_world, liftable = lift(view, matches.render_pixels, settings.min_opacity)
     points_world, pixels = points_world[liftable], matches.photo_pixels[liftable]
     estimate = estimate_absolute_pose(

@@ -15,6 +15,7 @@ from gscpe.coarse import CoarseResult, CoarseSettings, Round, match_render
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.beside import Beside
+from gscpe.localization.light import exposed_like
 from gscpe.localization.observer import Observer
 from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.verification import inlier_spread
@@ -108,7 +109,8 @@ def localize_easy(
     prepared = query.prepared_for(matcher)
 
     def match() -> tuple[Round, CoarseResult]:
-        second = match_render(view, matcher, prepared, camera, coarse)
+        like_photo = exposed_like(query.photo, refinement.light.clipping)
+        second = match_render(view, matcher, prepared, camera, coarse, like_photo)
         return second, second.result(2, second.has_settled(near, coarse), coarse)
 
     matching = beside.begin(match)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Photos that are too dark: seen as if there had been more light, or too dark to show anything."""
+"""What matching sees of photos that are too dark or overexposed; and those that show nothing."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from gscpe.arrays import UInt8Array
+from gscpe.arrays import Float32Array, UInt8Array
+from gscpe.coarse import LikePhoto
 from gscpe.photos import Photo
 from gscpe.photos.photo import brightest_channel
+from gscpe.refinement.exposure import ClippingSettings, clipped_share, expose, fit_exposure
+from gscpe.render import RenderedView
 
 _DARK, _BRIGHT = 40, 250
 _SPARKS = 0.001  # share of the pixels that may be otherwise: sensor noise, reflections
+
+_OPAQUE = 0.9
 
 _DIM, _WELL_LIT = 150, 235
 """What is brightest in a photo that is brightened, at most; and what it becomes."""
@@ -32,6 +37,23 @@ def well_lit(photo: Photo) -> Photo:
         return photo
     table = np.rint(np.minimum(_WELL_LIT / brightest * np.arange(256), 255.0)).astype(np.uint8)
     return replace(photo, rgb=table[photo.rgb])
+
+
+def exposed_like(photo: Photo, settings: ClippingSettings) -> LikePhoto | None:
+    """How a render is matched with an overexposed photo: exposed and clipped likewise. Where it
+    is clipped, the photo lacks features, and edges seem to lie beside where they are. None for
+    other photos."""
+    if clipped_share(photo.rgb, settings) <= settings.min_share_matched:
+        return None
+
+    def like_photo(view: RenderedView) -> Float32Array:
+        shown = view.opacity >= _OPAQUE
+        if photo.valid is not None:
+            shown = shown & photo.valid
+        exposure = fit_exposure(view.rgb, photo.rgb, shown, settings)
+        return view.rgb if exposure is None else expose(view.rgb, *exposure)
+
+    return like_photo
 
 
 def _quantile(values: UInt8Array, share: float) -> float:

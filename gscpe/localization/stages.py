@@ -9,6 +9,7 @@ from gscpe.coarse import CoarseResult, estimate_coarse_pose
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.beside import Beside
 from gscpe.localization.easy import localize_easy
+from gscpe.localization.light import exposed_like
 from gscpe.localization.matchers import NamedMatcher
 from gscpe.localization.observer import Observer
 from gscpe.localization.prepared import PreparedPhoto
@@ -85,6 +86,7 @@ class Stages:
                 start.cam_from_world,
                 settings.coarse,
                 observer,
+                exposed_like(query.photo, settings.refinement.light.clipping),
             )
         doubt = doubt_about_coarse(coarse, query.photo.camera, settings.verification)
         if doubt is not None or coarse.cam_from_world is None:

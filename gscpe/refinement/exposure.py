@@ -8,19 +8,27 @@ clipping included, before the two are compared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
 from gscpe.errors import SettingsError
+from gscpe.photos.photo import brightest_channel
+from gscpe.refinement.pyramid import AnchorLevel
 
 _BLOCK = 8
 """Pixels whose means are compared: the poses are not exact yet."""
 _SOFT = 0.03
 """Differences beyond this count linearly."""
 _STEPS = 15
+_ENOUGH = 60
+"""Blocks, of a channel each."""
+_CHOICES = 2
+_SURELY_DARKER = 0.85
+"""Than white: what is expected to be so is hardly clipped."""
+_WHITE = 1.0 - 1e-4
 
 
 @dataclass(frozen=True)
@@ -30,21 +38,30 @@ class ClippingSettings:
     Attributes:
         value: channels at least this bright, of 255, are clipped (JPEG moves 255 a little).
         min_share: a photo is, when more than this share of its pixels are.
+        min_share_matched: share from which renders are exposed like the photo also before they are
+            matched with it.
     """
 
     value: int = 254
     min_share: float = 0.02
+    min_share_matched: float = 0.2
 
     def __post_init__(self) -> None:
-        if not 1 <= self.value <= 255 or not 0 <= self.min_share <= 1:
-            raise SettingsError("clipping needs a value in [1, 255] and min_share in [0, 1]")
+        if not 1 <= self.value <= 255 or not 0 <= self.min_share <= self.min_share_matched <= 1:
+            raise SettingsError(
+                "clipping needs a value in [1, 255] and 0 <= min_share <= min_share_matched <= 1"
+            )
+
+
+def clipped_share(photo: UInt8Array, settings: ClippingSettings) -> float:
+    """Of the pixels, (H, W, 3) uint8, how many are as bright as can be in a channel, in [0, 1]."""
+    brightest = brightest_channel(photo[::2, ::2])
+    return float(np.count_nonzero(brightest >= settings.value)) / max(brightest.size, 1)
 
 
 def is_clipped(photo: UInt8Array, settings: ClippingSettings) -> bool:
     """Whether many of the pixels, (H, W, 3) uint8, are as bright as can be in a channel."""
-    red, green, blue = np.moveaxis(photo[::2, ::2], 2, 0)
-    brightest = np.maximum(np.maximum(red, green), blue)
-    return bool(np.count_nonzero(brightest >= settings.value) > settings.min_share * brightest.size)
+    return clipped_share(photo, settings) > settings.min_share
 
 
 def fit_exposure(
@@ -58,25 +75,34 @@ def fit_exposure(
         shown: (H, W), where the render shows the map.
         settings: what counts as clipped.
     """
-    height, width = (max(1, side // _BLOCK) for side in shown.shape)
-    rendered, seen, clipped, whole = (
-        cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-        for image in (render, photo / np.float32(255.0), photo >= settings.value, shown)
-    )
-    # The mean of a block that is clipped in part follows neither line.
-    usable = (whole[..., None] > 0.9) & ((clipped < 0.02) | (clipped > 0.98))
-    if np.count_nonzero(usable) < 60:
-        return None
-    rendered, seen = (np.asarray(image[usable], np.float32) for image in (rendered, seen))
+    size = max(1, shown.shape[1] // _BLOCK), max(1, shown.shape[0] // _BLOCK)
 
-    fits = [_fit(rendered, seen, gain) for gain in (1.0, 2.0)]  # where all is clipped, no slope
-    _, gain, bias = min(fits)
+    def of_blocks(image: Float32Array | UInt8Array | BoolArray) -> Float32Array:
+        means = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(means, np.float32)
+
+    rendered, seen = of_blocks(render), of_blocks(photo) / np.float32(255.0)
+    whole, clipped = of_blocks(shown)[..., None] > 0.9, of_blocks(photo >= settings.value)
+    # The mean of a block that is clipped in part follows neither line.
+    usable = whole & ((clipped < 0.02) | (clipped > 0.98))
+    if np.count_nonzero(usable) < _ENOUGH:
+        return None
+    fits = [_fit(rendered[usable], seen[usable], gain) for gain in (1.0, 2.0)]
+    _, gain, bias = min(fits)  # where all is clipped, no slope
+    # Among blocks that are nearly white in the map, those that happen to be darker in the photo are
+    # less often clipped: the gain is too small. So blocks are chosen again, by the render alone.
+    for _ in range(_CHOICES):
+        usable = whole & (of_blocks(gain * render + bias > _SURELY_DARKER) < 0.02)
+        if gain <= 0 or np.count_nonzero(usable) < _ENOUGH:
+            break
+        _, gain, bias = _fit(rendered[usable], seen[usable], gain, bias)
     return (gain, bias) if gain > 0 else None
 
 
-def _fit(rendered: Float32Array, seen: Float32Array, gain: float) -> tuple[float, float, float]:
+def _fit(
+    rendered: Float32Array, seen: Float32Array, gain: float, bias: float = 0.0
+) -> tuple[float, float, float]:
     """Cost, gain and bias by Gauss-Newton steps under the soft L1 loss."""
-    bias = 0.0
     for _ in range(_STEPS):
         predicted = np.float32(gain) * rendered + np.float32(bias)
         misfit = seen - np.minimum(predicted, np.float32(1.0))
@@ -95,3 +121,12 @@ def expose(render: Float32Array, gain: float, bias: float) -> Float32Array:
     """The render, (H, W, 3), as a camera with this exposure takes it."""
     exposed = np.clip(np.float32(gain) * render + np.float32(bias), 0.0, 1.0)
     return np.asarray(exposed, dtype=np.float32)
+
+
+def without_flat_white(level: AnchorLevel) -> AnchorLevel:
+    """Without pixels around which all is white: they show no motion, and their residuals, all
+    zero, would make those of the others look far off."""
+    shows_something = (level.image < _WHITE).astype(np.uint8)
+    # A gradient is made of 3x3 pixels, and needs these to be valid.
+    near = cv2.dilate(shows_something, np.ones((5, 5), dtype=np.uint8))
+    return replace(level, valid=level.valid & (near > 0))

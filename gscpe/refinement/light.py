@@ -30,12 +30,14 @@ class LitRender:
     Attributes:
         image: (H, W) float32.
         changed: whether it is another than the render's own.
+        clipped: whether its brightest parts are.
         gain, bias: image = gain * render + bias, where it is not clipped; of uneven light, the
             mean.
     """
 
     image: Float32Array
     changed: bool
+    clipped: bool
     gain: float = 1.0
     bias: float = 0.0
 
@@ -63,6 +65,6 @@ class PhotoLight:
             image, self._luminance, mask & self._usable, self._settings.illumination
         )
         if uneven is None:
-            return LitRender(image, exposure is not None, gain, bias)
+            return LitRender(image, exposure is not None, exposure is not None, gain, bias)
         mean = float(np.mean(uneven))
-        return LitRender(image * uneven, True, mean * gain, mean * bias)
+        return LitRender(image * uneven, True, exposure is not None, mean * gain, mean * bias)

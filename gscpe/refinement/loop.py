@@ -13,6 +13,7 @@ from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.photos import Photo, luminance
 from gscpe.refinement.agreement import photometric_agreement
+from gscpe.refinement.exposure import without_flat_white
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
 from gscpe.refinement.light import LightSettings, PhotoLight
 from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
@@ -186,7 +187,10 @@ def refine_pose(
         pyramid = anchor_pyramid(
             lit.image, view.depth, mask, view.camera, max(levels, compared), settings.lenient_level
         )
-        prepared = PreparedAnchor.of(pyramid[: levels + 1], (levels + 1) * [settings.solver])
+        shown = pyramid[: levels + 1]
+        if lit.clipped:
+            shown = tuple(without_flat_white(level) for level in shown)
+        prepared = PreparedAnchor.of(shown, (levels + 1) * [settings.solver])
         found = align_levels(
             *(prepared, photo_levels, gain, bias),
             turned=TurnedStarts(settings.turned_degrees, settings.turned_level),

@@ -77,6 +77,31 @@ def test_it_stops_where_it_already_is() -> None:
     assert error.degrees < 1e-3
 
 
+def test_only_later_rounds_are_compared_with_the_photo() -> None:
+    """What makes renders look like the photo needs to be near it."""
+    looks: list[float] = []
+
+    def like_photo(view: RenderedView) -> NDArray[np.float32]:
+        looks.append(pose_difference(view.cam_from_world, ROOM_POSE).distance)
+        return view.rgb
+
+    matcher = SiftMatcher()
+    prepared = matcher.prepare(room().shoot(CAMERA, ROOM_POSE).uint8, None)
+    start = se3.exp(STEP) @ ROOM_POSE
+    result = estimate_coarse_pose(
+        RayCastRenderer(room()),
+        matcher,
+        prepared,
+        CAMERA,
+        start,
+        CoarseSettings(),
+        None,
+        like_photo,
+    )
+    assert len(looks) == result.rounds - 1 > 0
+    assert max(looks) < 0.2 * pose_difference(start, ROOM_POSE).distance
+
+
 def test_repeatable() -> None:
     start = se3.exp(STEP) @ ROOM_POSE
     first, second = estimate(start), estimate(start)

@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dim photos are matched as if they had been lit well, and are otherwise left as they are."""
+"""Dim photos are matched as if they had been lit well, overexposed ones with renders that are
+clipped likewise; others are left as they are."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
-from scenes import ROOM_POSE, room, room_camera, room_map
+from scenes import ROOM_POSE, RayCastRenderer, room, room_camera, room_map
 
 from gscpe import Localizer
+from gscpe.coarse import CoarseSettings, match_render
 from gscpe.geometry import pose_difference, se3
-from gscpe.localization.light import well_lit
+from gscpe.localization.light import exposed_like, well_lit
+from gscpe.matching import SiftMatcher
 from gscpe.photos import Photo
+from gscpe.refinement import ClippingSettings
 
 CAMERA = room_camera(240, 180)
 TRUTH = np.asarray(se3.exp([0.06, -0.03, 0.05, 0.02, -0.03, 0.01]) @ ROOM_POSE)
@@ -57,3 +64,31 @@ def test_a_twentieth_of_the_light_is_localized() -> None:
     error = pose_difference(result.cam_from_world, TRUTH)
     assert error.distance < 0.02 and error.degrees < 0.4
     assert 0.02 < result.aligned.gain < 0.1  # the photo is aligned as it is
+
+
+def test_renders_are_exposed_like_an_overexposed_photo() -> None:
+    assert exposed_like(photo(1.0), ClippingSettings()) is None
+    image = np.clip(2.2 * room().shoot(CAMERA, TRUTH, samples=2).uint8.astype(float), 0, 255)
+    like_photo = exposed_like(Photo(image.astype(np.uint8), CAMERA), ClippingSettings())
+    assert like_photo is not None
+    view = RayCastRenderer(room()).render(CAMERA, TRUTH)
+    shown = like_photo(view)
+    assert np.median(np.abs(shown - image / 255.0)) < 0.02
+    assert np.mean(shown == 1.0) == pytest.approx(np.mean(image == 255.0), abs=0.05)
+
+
+def test_edges_of_what_is_clipped_are_matched_where_they_are() -> None:
+    """A blurred edge that is clipped half way up seems to lie beside where it is."""
+    view = RayCastRenderer(room()).render(CAMERA, TRUTH)
+    view = replace(view, rgb=cv2.GaussianBlur(view.rgb, (0, 0), 1.5))
+    image = Photo(np.rint(255 * np.clip(2.2 * view.rgb, 0, 1)).astype(np.uint8), CAMERA)
+    matcher = SiftMatcher()
+    prepared = matcher.prepare(image.rgb, None)
+    apart, agree = [], []
+    for like_photo in (exposed_like(image, ClippingSettings()), None):
+        found = match_render(view, matcher, prepared, CAMERA, CoarseSettings(), like_photo)
+        offsets = found.matches.photo_pixels - found.matches.render_pixels
+        apart.append(np.sqrt(np.mean(np.minimum(np.sum(offsets**2, axis=1), 4.0))))
+        agree.append(found.inliers)
+    assert apart[0] < 0.5 * apart[1]
+    assert agree[0] > agree[1]

@@ -9,11 +9,22 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
+from gscpe.errors import SettingsError
 from gscpe.geometry import pose_difference, se3
 from gscpe.photos import Photo
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.refinement import light as refinement_light
-from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
+from gscpe.refinement import loop as refinement_loop
+from gscpe.refinement.exposure import (
+    ClippingSettings,
+    clipped_share,
+    expose,
+    fit_exposure,
+    is_clipped,
+    without_flat_white,
+)
+from gscpe.refinement.lucas_kanade import LucasKanadeSettings, build_template
+from gscpe.refinement.pyramid import AnchorLevel
 
 CAMERA = room_camera(240, 180)
 CLIPPING = ClippingSettings()
@@ -92,3 +103,58 @@ def test_a_clipped_photo_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = refine()
     if plain.cam_from_world is not None:
         assert pose_difference(plain.cam_from_world, ROOM_POSE).distance > 2 * error.distance
+
+
+def test_noise_does_not_darken_the_exposure(rng: np.random.Generator) -> None:
+    """Of blocks near white, those that happen to be dark are clipped less often."""
+    noise = 0.06 * cv2.resize(
+        rng.normal(size=(24, 32, 3)), (240, 180), interpolation=cv2.INTER_NEAREST
+    )
+    photo = np.rint(255 * np.clip(1.9 * SHOT.rgb + noise, 0, 1)).astype(np.uint8)
+    found = fit_exposure(RENDER, photo, SHOWN, CLIPPING)
+    assert found is not None
+    assert found[0] == pytest.approx(1.9, rel=0.04)
+    assert found[1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_only_what_is_white_all_around_is_left_out() -> None:
+    """Every pixel with a gradient stays, and a row of those without any beside it."""
+    image = np.ones((40, 60), dtype=np.float32)
+    image[:, :20] = np.linspace(0.0, 0.9, 20, dtype=np.float32)
+    depth = np.full_like(image, 2.0)
+    camera = room_camera(60, 40)
+    level = AnchorLevel(image, np.ones(image.shape, dtype=bool), camera, depth)
+    kept = without_flat_white(level)
+    np.testing.assert_array_equal(kept.valid[20], np.arange(60) < 22)
+    solver = LucasKanadeSettings()
+    before, after = build_template(level, solver), build_template(kept, solver)
+    assert before is not None and after is not None
+    steep, still_steep = (np.any(t.jacobian != 0, axis=1).sum() for t in (before, after))
+    assert steep == still_steep > 0
+    assert len(after.intensities) < 0.6 * len(before.intensities)
+
+
+def test_what_is_white_in_both_does_not_make_it_sure(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Its residuals are zero: with them, those that say something would seem to be outliers."""
+    noise = 0.04 * rng.normal(size=SHOT.rgb.shape)
+    photo = np.rint(255 * np.clip(2.2 * SHOT.rgb + noise, 0, 1)).astype(np.uint8)
+    assert np.mean(photo.min(axis=2) == 255) > 0.4
+
+    def residual() -> float:
+        renderer = RayCastRenderer(room())
+        return refine_pose(renderer, Photo(photo, CAMERA), ROOM_POSE, RefinementSettings()).residual
+
+    without = residual()
+    monkeypatch.setattr(refinement_loop, "without_flat_white", lambda level: level)
+    assert without > 0.01
+    assert without > 2 * residual()
+
+
+def test_shares_and_impossible_settings() -> None:
+    photo = np.zeros((40, 40, 3), np.uint8)
+    photo[:10, :, 2] = 255
+    assert clipped_share(photo, CLIPPING) == 0.25
+    with pytest.raises(SettingsError, match="min_share_matched"):
+        ClippingSettings(min_share=0.3)

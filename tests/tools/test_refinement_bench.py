@@ -100,6 +100,22 @@ def test_a_quarter_is_covered(tool: Tool) -> None:
     assert covered[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].std() > 20
 
 
+def test_people_and_furniture(tool: Tool) -> None:
+    """People stand on the lower border; what was moved is seen where it is now, exactly."""
+    rows, columns = np.mgrid[:240, :320]
+    image = np.stack([rows, columns // 2, (rows * 7 + columns * 3) % 256], axis=-1).astype(np.uint8)
+    photos = tool("changed_photos")
+    people = np.any(photos.with_people(image, 3) != image, axis=2)
+    assert 0.2 < people.mean() < 0.4
+    assert not people[:10].any()
+    assert people[-1].mean() > 0.2
+    changed = photos.rearranged(image)
+    moved, shift = np.any(changed != image, axis=2), round(320 / 7)
+    same_aside = np.all(changed[:, shift:] == image[:, :-shift], axis=2)
+    assert 0.25 < moved.mean() < 0.5
+    assert np.count_nonzero(same_aside) > 0.2 * moved.size
+
+
 def test_displaced_starts_are_as_far_off_as_they_say(tool: Tool, rng: np.random.Generator) -> None:
     methods, shifts = tool("refinement_methods"), []
     for _ in range(50):
