@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Compares global descriptors on RedKitchen ($GSCPE_DATA), and times the search of many.
+"""Compares global descriptors on RedKitchen ($GSCPE_DATA).
 
 Every query and reference photo is looked for among the references that are more than --gap
 frames away from it in the sequence, so that none is nearly the same photo. The references are
@@ -11,28 +11,26 @@ to 5%. VLAD depends on the vocabulary that k-means happens to find, so each numb
 --seeds vocabularies, with the least and greatest.
 
 With --every, so many references are left out, and only photos are compared: "1 3 10" means all
-of them, every third and every tenth.
+of them, every third and every tenth. VLAD's words are then learned from those that are left.
 
 Usage: .venv/bin/python tools/bench_retrieval.py [--gap FRAMES] [--seeds N] [--onnx PATH]
            [--every 1 3 10]
-       .venv/bin/python tools/bench_retrieval.py --index COUNT [--dimension D] [--probes N]
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import sys
 import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Callable, Iterator
+from typing import Callable, Iterator, Sequence
 
 import cv2
 import numpy as np
-from _common import peak_bytes, read_cases, redkitchen, table
+from _common import progress, read_cases, redkitchen, table
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from gscpe.errors import ModelError
@@ -43,15 +41,11 @@ from gscpe.geometry.se3 import inverse
 from gscpe.photos import read_image, to_uint8
 from gscpe.render import Renderer
 from gscpe.retrieval import (
-    IndexSettings,
     OnnxDescriber,
-    ReferenceIndex,
-    RetrievedReference,
     VocabularySettings,
     aggregate,
     learn_vocabulary,
     rootsift,
-    search,
     xfeat,
 )
 from gscpe.scene.colmap_model import read_colmap_references
@@ -70,6 +64,37 @@ class Method:
     words: int | None
 
 
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What a good answer is: (queries, references) each.
+
+    Attributes:
+        near: whether the reference's pose is near the query's.
+        overlap: the share of the query's pixels that the reference sees.
+        allowed: whether they are far enough from each other in the sequence.
+    """
+
+    near: BoolArray
+    overlap: Float64Array
+    allowed: BoolArray
+
+    def among(self, kept: slice) -> Answers:
+        """Of some of the references."""
+        return Answers(self.near[:, kept], self.overlap[:, kept], self.allowed[:, kept])
+
+    def good(self) -> tuple[BoolArray, BoolArray]:
+        return self.near, self.overlap >= OVERLAP
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """Images that are searched: some of the reference photos, or others of the same places."""
+
+    label: str
+    kept: slice
+    images: Sequence[UInt8Array] | None = None
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--gap", type=int, default=100, help="frames, default: %(default)s")
@@ -77,26 +102,19 @@ def main() -> int:
     parser.add_argument("--queries", type=int, default=100, help="so many, evenly spaced")
     parser.add_argument("--onnx", metavar="PATH", help="an exported network, too")
     parser.add_argument("--every", nargs="+", type=int, metavar="N", help="of the references")
-    parser.add_argument("--index", type=float, metavar="COUNT", help="time the search of as many")
-    parser.add_argument("--dimension", type=int, default=512, help="of them")
-    parser.add_argument("--probes", type=int, default=IndexSettings.probes, help="of the index")
     options = parser.parse_args()
-    if options.index:
-        bench_index(int(options.index), options.dimension, options.probes)
-        return 0
-    found = methods(options.onnx)
-    if options.every:
-        found = [method for method in found if "features" not in method.name]
-    bench_redkitchen(redkitchen(), found, options)
+    found = methods(options.onnx, counts=() if options.every else (500, 2048))
+    bench(redkitchen(), found, options)
     return 0
 
 
-def methods(onnx: str | None) -> list[Method]:
+def methods(onnx: str | None, counts: Sequence[int]) -> list[Method]:
+    """VLAD, and what is installed: VLAD of XFeat, also of so many of its features."""
     found = [Method("vlad (RootSIFT, 320)", rootsift, 64)]
     try:
         network = XFeat()
         found.append(Method("vlad-xfeat (full size)", xfeat(network), 128))
-        for count in (500, 2048):
+        for count in counts:
             name = f"vlad-xfeat, {count} features"
             found.append(Method(name, partial(best_xfeats, network, count), 128))
     except ModelError as error:
@@ -115,7 +133,7 @@ def degraded(rgb: UInt8Array) -> UInt8Array:
     return np.asarray(0.8 * cv2.GaussianBlur(rgb, (0, 0), 1.5), dtype=np.uint8)
 
 
-def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespace) -> None:
+def bench(data: Path, found: Sequence[Method], options: argparse.Namespace) -> None:
     references = read_colmap_references(data / "sparse" / "0", data / "references")
     photos = [read_image(data / "references" / name) for name in references.names]
     cases = read_cases(data, options.queries) if options.queries else []
@@ -123,105 +141,84 @@ def bench_redkitchen(data: Path, found: list[Method], options: argparse.Namespac
     names = [*references.names, *(case.query.name for case in cases)]
     poses = [*references.cam_from_world, *(case.truth for case in cases)]
     cameras = [*references.cameras, *(case.query.camera for case in cases)]
+    whole = slice(0, len(photos))
     with Renderer(read_splat(data / "splat.ply")) as renderer:
         depths = [
             renderer.render(camera.resized(*GRID), pose).depth
             for camera, pose in zip(cameras, poses, strict=True)
         ]
-        renders = (
-            []
-            if options.every
-            else [
+        if options.every:
+            kept = [slice(0, len(photos), every) for every in options.every]
+            databases = [Database(f"{len(photos[each])} photos", each) for each in kept]
+        else:
+            renders = [
                 to_uint8(renderer.render(camera, pose).rgb)
                 for camera, pose in zip(references.cameras, references.cam_from_world, strict=True)
             ]
-        )
-    overlap = overlaps(poses, cameras, depths, len(photos))
-    near = nearness(poses, len(photos))
+            worse = [degraded(image) for image in renders]
+            databases = [
+                Database("photos", whole),
+                Database("renders", whole, renders),
+                Database("degraded renders", whole, worse),
+            ]
     frames = np.array([int(re.findall(r"\d+", name)[0]) for name in names])
-    allowed = np.abs(frames[:, None] - frames[: len(photos)]) > options.gap
-    have = [float((good & allowed).any(axis=1).mean()) for good in (near, overlap >= OVERLAP)]
+    answers = Answers(
+        nearness(poses, len(photos)),
+        overlaps(poses, cameras, depths, len(photos)),
+        np.abs(frames[:, None] - frames[whole]) > options.gap,
+    )
+    have = [float((good & answers.allowed).any(axis=1).mean()) for good in answers.good()]
     print(
         f"{len(asked)} queries, {len(photos)} references, those within {options.gap} frames "
         f"excluded; {options.seeds} vocabularies\n"
         f"{have[0]:.0%} of the queries have a reference within {NEAR:g} m/{NEAR_DEGREES:g}°, "
         f"{have[1]:.0%} one that sees {OVERLAP:.0%} of them; only these count in the columns\n"
     )
-    if options.every:
-        bench_few(found, options, photos, asked, near, overlap, allowed)
-        return
-    kinds = {
-        "photos": photos,
-        "renders": renders,
-        "degraded renders": [degraded(image) for image in renders],
-    }
-
-    def rows() -> Iterator[list[str]]:
-        for method in found:
-            begin = time.perf_counter()
-            local_queries = [method.extract(image) for image in asked]
-            milliseconds = f"{1000 * (time.perf_counter() - begin) / len(asked):.0f}"
-            for kind, database in kinds.items():
-                local = [method.extract(image) for image in database]
-                of_seed = [
-                    shares(method, seed, local, local_queries, near, overlap, allowed)
-                    for seed in range(options.seeds if method.words else 1)
-                ]
-                cells = (
-                    f"{np.mean(column):.2f} ({min(column):.2f} to {max(column):.2f})"
-                    for column in zip(*of_seed, strict=True)
-                )
-                yield [kind, method.name, *cells, milliseconds]
-
     table(
         ["references are", "method", f"{NEAR:g} m/{NEAR_DEGREES:g}°: top 1", "of top 3",
          f"sees {OVERLAP:.0%}: top 1", "of top 3", "overlap of top 1, of the possible",
          "ms a photo"],
-        rows(),
+        rows(found, asked, databases, answers, options.seeds),
     )  # fmt: skip
 
 
-def bench_few(
-    found: list[Method],
-    options: argparse.Namespace,
-    photos: list[UInt8Array],
-    asked: list[UInt8Array],
-    near: BoolArray,
-    overlap: Float64Array,
-    allowed: BoolArray,
-) -> None:
-    """The table for --every; photos come first among those that are asked for."""
-
-    def rows() -> Iterator[list[str]]:
-        for method in found:
-            local = [method.extract(image) for image in asked]
-            for every in options.every:
-                kept = slice(0, len(photos), every)
-                of_seed = [
-                    shares(
-                        *(method, seed, local[kept], local),
-                        *(near[:, kept], overlap[:, kept], allowed[:, kept]),
-                    )
-                    for seed in range(options.seeds if method.words else 1)
-                ]
-                columns = [f"{np.mean(column):.2f}" for column in zip(*of_seed, strict=True)]
-                yield [method.name, str(len(photos[kept])), *columns]
-
-    table(
-        ["method", "references", f"{NEAR:g} m/{NEAR_DEGREES:g}°: top 1", "of top 3",
-         f"sees {OVERLAP:.0%}: top 1", "of top 3", "overlap of top 1, of the possible"],
-        rows(),
-    )  # fmt: skip
+def rows(
+    found: Sequence[Method],
+    asked: Sequence[UInt8Array],
+    databases: Sequence[Database],
+    answers: Answers,
+    seeds: int,
+) -> Iterator[list[str]]:
+    """Each photo is described once by each method, whatever is left out."""
+    for method in found:
+        begin = time.perf_counter()
+        local_queries = [method.extract(image) for image in progress(asked, method.name)]
+        milliseconds = f"{1000 * (time.perf_counter() - begin) / len(asked):.0f}"
+        for database in databases:
+            if database.images is None:
+                local = local_queries[database.kept]
+            else:
+                local = [method.extract(image) for image in database.images]
+            judged = answers.among(database.kept)
+            of_seed = [
+                shares(method, seed, local, local_queries, judged)
+                for seed in range(seeds if method.words else 1)
+            ]
+            cells = (
+                f"{np.mean(column):.2f} ({min(column):.2f} to {max(column):.2f})"
+                if len(column) > 1
+                else f"{column[0]:.2f}"
+                for column in zip(*of_seed, strict=True)
+            )
+            yield [database.label, method.name, *cells, milliseconds]
 
 
 def shares(
     method: Method,
     seed: int,
-    local: list[Float32Array],
-    local_queries: list[Float32Array],
-    near: BoolArray,
-    overlap: Float64Array,
-    allowed: BoolArray,
+    local: Sequence[Float32Array],
+    local_queries: Sequence[Float32Array],
+    answers: Answers,
 ) -> list[float]:
     """The columns of one row."""
     if method.words is None:
@@ -230,18 +227,19 @@ def shares(
         vocabulary = learn_vocabulary(local, VocabularySettings(method.words), seed)
         database = np.stack([aggregate(each, vocabulary) for each in local])
         queries = np.stack([aggregate(each, vocabulary) for each in local_queries])
-    similarity = np.where(allowed, queries @ database.T, -np.inf)
+    similarity = np.where(answers.allowed, queries @ database.T, -np.inf)
     best = np.argsort(-similarity, axis=1, kind="stable")[:, :3]
     row = []
-    for good in (near, overlap >= OVERLAP):
-        possible = (good & allowed).any(axis=1)
-        hits = np.take_along_axis(good, best, axis=1)[possible]
+    for good in answers.good():
+        possible = (good & answers.allowed).any(axis=1)
+        hits = np.take_along_axis(good & answers.allowed, best, axis=1)[possible]
         row += [float(hits[:, 0].mean()), float(hits.any(axis=1).mean())]
-    reached = np.take_along_axis(overlap, best, axis=1)[:, 0]
-    return [*row, float(reached.sum() / np.where(allowed, overlap, 0).max(axis=1).sum())]
+    reached = np.take_along_axis(answers.overlap, best, axis=1)[:, 0]
+    most = np.where(answers.allowed, answers.overlap, 0).max(axis=1)
+    return [*row, float(reached.sum() / most.sum())]
 
 
-def nearness(poses: list[Float64Array], references: int) -> BoolArray:
+def nearness(poses: Sequence[Float64Array], references: int) -> BoolArray:
     """(queries, references): whether the reference's pose is near the query's."""
     differences = [[pose_difference(a, b) for b in poses[:references]] for a in poses]
     return np.array(
@@ -250,7 +248,10 @@ def nearness(poses: list[Float64Array], references: int) -> BoolArray:
 
 
 def overlaps(
-    poses: list[Float64Array], cameras: list[Camera], depths: list[Float32Array], references: int
+    poses: Sequence[Float64Array],
+    cameras: Sequence[Camera],
+    depths: Sequence[Float32Array],
+    references: int,
 ) -> Float64Array:
     """(queries, references): the share of the query's pixels that the reference sees."""
     result = np.zeros((len(poses), references))
@@ -270,56 +271,6 @@ def overlaps(
             agrees = np.abs(expected - z[inside]) < 0.05 * z[inside]
             result[i, j] = np.count_nonzero(agrees) / depth.size
     return result
-
-
-def bench_index(count: int, dimension: int, probes: int) -> None:
-    """Synthetic places on a 32-dimensional surface with noise; queries 0.6 to 0.8 similar."""
-    rng = np.random.default_rng(0)
-    surface = rng.normal(size=(32, dimension)).astype(np.float32) / np.sqrt(32)
-    descriptors = np.empty((count, dimension), dtype=np.float32)
-    for start in range(0, count, 50_000):
-        part = descriptors[start : start + 50_000]
-        rng.standard_normal(out=part, dtype=np.float32)
-        part *= 0.3
-        part += rng.standard_normal((len(part), 32), dtype=np.float32) @ surface
-        part /= np.linalg.norm(part, axis=1, keepdims=True)
-    queries = descriptors[rng.choice(count, 50)]
-    queries = queries + (0.9 / np.sqrt(dimension)) * rng.normal(size=queries.shape)
-    queries = np.asarray(queries / np.linalg.norm(queries, axis=1, keepdims=True), np.float32)
-    exact, milliseconds = timed(lambda query: search(query, descriptors, 3), queries)
-    alike = np.median([found[0].similarity for found in exact])
-    print(
-        f"{count} descriptors of {dimension}, {os.cpu_count()} cores; queries are similar to "
-        f"their reference by {alike:.2f}\n"
-    )
-    rows = [["matrix product", "0", f"{milliseconds:.1f}", "1", "1", f"{peak_bytes() / 1e9:.1f}"]]
-    begin = time.perf_counter()
-    index = ReferenceIndex(descriptors, IndexSettings(0, exact_queries=0, probes=probes))
-    seconds = time.perf_counter() - begin
-    found, milliseconds = timed(lambda query: index.search(query, 3), queries)
-    pairs = [
-        ([each.index for each in a], [each.index for each in b])
-        for a, b in zip(exact, found, strict=True)
-    ]
-    first = np.mean([a[0] == b[0] for a, b in pairs])
-    three = np.mean([len({*a} & {*b}) / 3 for a, b in pairs])
-    rows.append(
-        [f"index, {probes} probes", f"{seconds:.0f}", f"{milliseconds:.1f}", f"{first:.2f}",
-         f"{three:.2f}", f"{peak_bytes() / 1e9:.1f}"]
-    )  # fmt: skip
-    table(["search", "build s", "ms a query", "recall@1", "recall@3", "peak memory GB"], rows)
-
-
-def timed(
-    function: Callable[[Float32Array], tuple[RetrievedReference, ...]], queries: Float32Array
-) -> tuple[list[tuple[RetrievedReference, ...]], float]:
-    """The results, and the median of the milliseconds of one."""
-    results, seconds = [], []
-    for query in queries:
-        begin = time.perf_counter()
-        results.append(function(query))
-        seconds.append(time.perf_counter() - begin)
-    return results, 1000 * float(np.median(seconds))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from itertools import islice
-from typing import Iterable, Iterator, Sequence
+from typing import Iterator, Sequence
 
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.clock import Clock
@@ -16,6 +16,7 @@ from gscpe.localization.places import Places
 from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.stages import Stages
+from gscpe.localization.start_views import StartViews
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.turns import turned_back, turned_photo
 from gscpe.matching import SiftMatcher
@@ -57,15 +58,17 @@ class Chain:
     ) -> Iterator[Attempt]:
         """What comes of each start; and as long as nothing can be trusted, of what costs more:
         LighterGlue, the photo turned by quarters, more places, SIFT."""
-        first, begun = self.matchers.first, list[Start]()
+        views = StartViews(self.stages.renderer, query.photo.camera)
+        begun = list[Start]()
         starts = self.places.starts(query, prior, references)
         learned = [name for name in self.matchers.others if name != "sift"]
+        robust = [name for name in self.matchers.others if name == "sift"]
         steps = (
-            self._from_starts(query, self._first(starts, begun), first, prior, observer),
-            self._again(query, begun, learned, observer),
+            self._at_first(query, starts, begun, views, prior, observer),
+            self._again(query, begun, learned, views, observer),
             self._turned(query, references, observer),
             self._more_places(query, starts, learned, observer),
-            self._again(query, begun, [n for n in self.matchers.others if n == "sift"], observer),
+            self._again(query, begun, robust, views, observer),
         )
         for step in steps:
             trusted = False
@@ -76,36 +79,35 @@ class Chain:
             if trusted:
                 return
 
-    def _first(self, starts: Iterator[Start], begun: list[Start]) -> Iterator[Start]:
-        """Those that are tried first; they are kept in ``begun``, without that of tracking, which
-        is also an unsure prior."""
-        references = 0
-        while references < self.settings.hypotheses and (start := next(starts, None)) is not None:
-            references += start.kind == "reference"
-            if start.kind != "tracking":
-                begun.append(start)
-            yield start
-
-    def _from_starts(
+    def _at_first(
         self,
         query: PreparedPhoto,
-        starts: Iterable[Start],
-        matcher: NamedMatcher,
+        starts: Iterator[Start],
+        begun: list[Start],
+        views: StartViews,
         prior: PosePrior | None,
         observer: Observer,
     ) -> Iterator[Attempt]:
-        for start in starts:
+        """With the first matcher, from as many places as the settings say; starts are kept in
+        ``begun``, without that of tracking, which is also an unsure prior."""
+        references = 0
+        while references < self.settings.hypotheses and (start := next(starts, None)) is not None:
+            references += start.kind == "reference"
             if start.kind == "tracking":
                 assert prior is not None
                 yield self.stages.track(query, start, prior, observer)
-            else:
-                yield self.stages.attempt(query, start, matcher, observer)
+                continue
+            begun.append(start)
+            if self.matchers.others:
+                views.keep(start.cam_from_world)
+            yield self.stages.attempt(query, start, self.matchers.first, observer, views)
 
     def _again(
         self,
         query: PreparedPhoto,
         begun: Sequence[Start],
         names: Sequence[str],
+        views: StartViews,
         observer: Observer,
     ) -> Iterator[Attempt]:
         """From the same starts with other matchers; one that cannot be opened is an attempt that
@@ -115,7 +117,8 @@ class Chain:
             if isinstance(matcher, str):
                 yield Attempt(begun[0], None, None, f"{name} was not tried: {matcher}", 1, name)
             else:
-                yield from self._from_starts(query, begun, matcher, None, observer)
+                for start in begun:
+                    yield self.stages.hard_attempt(query, start, matcher, observer, views)
 
     def _more_places(
         self,
@@ -128,14 +131,17 @@ class Chain:
         opened = [self.matchers.open(name) for name in names]
         usable = [matcher for matcher in opened if not isinstance(matcher, str)]
         matcher = usable[-1] if usable else self.matchers.first
-        yield from self._from_starts(query, starts, matcher, None, observer)
+        for start in starts:
+            yield self.stages.hard_attempt(query, start, matcher, observer, self.stages.renderer)
 
     def _turned(
         self, query: PreparedPhoto, references: Sequence[str] | None, observer: Observer
     ) -> Iterator[Attempt]:
         for turned in self.turned(query):
             for start in self.turned_starts(turned, references):
-                attempt = self.stages.attempt(turned, start, self.matchers.first, observer)
+                attempt = self.stages.attempt(
+                    turned, start, self.matchers.first, observer, self.stages.renderer
+                )
                 yield turned_back(attempt, turned)
 
     def turned(self, query: PreparedPhoto) -> Iterator[PreparedPhoto]:

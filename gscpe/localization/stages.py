@@ -21,7 +21,7 @@ from gscpe.localization.verification import (
     doubt_about_tracked,
 )
 from gscpe.refinement import RefinementResult, refine_pose
-from gscpe.render import Renderer
+from gscpe.render import Renderer, Renders
 from gscpe.scene import MapFrame
 
 
@@ -55,16 +55,21 @@ class Stages:
         return Attempt(start, None, aligned, doubt)
 
     def attempt(
-        self, query: PreparedPhoto, start: Start, named: NamedMatcher, observer: Observer
+        self,
+        query: PreparedPhoto,
+        start: Start,
+        named: NamedMatcher,
+        observer: Observer,
+        renderer: Renders,
     ) -> Attempt:
         """Matches and alignment: with one render each where the photo is easy, else with the whole
         coarse loop."""
-        settings, matcher = self.settings, named.matcher
+        settings = self.settings
         query.begin()
         if query.small_camera is not None:
             found = localize_easy(
-                self.renderer,
-                matcher,
+                renderer,
+                named.matcher,
                 query,
                 query.small_camera,
                 start.cam_from_world,
@@ -76,11 +81,23 @@ class Stages:
             )
             if found is not None and self._doubt(query, *found) is None:
                 return Attempt(start, *found, None, matcher=named.name)
-        prepared = query.prepared_for(matcher)
+        return self.hard_attempt(query, start, named, observer, renderer)
+
+    def hard_attempt(
+        self,
+        query: PreparedPhoto,
+        start: Start,
+        named: NamedMatcher,
+        observer: Observer,
+        renderer: Renders,
+    ) -> Attempt:
+        """The whole coarse loop, and the alignment, of a photo that is known not to be easy."""
+        settings = self.settings
+        prepared = query.prepared_for(named.matcher)
         with query.clock.stage("coarse"):
             coarse = estimate_coarse_pose(
-                self.renderer,
-                matcher,
+                renderer,
+                named.matcher,
                 prepared,
                 query.photo.camera,
                 start.cam_from_world,
@@ -93,7 +110,7 @@ class Stages:
             return Attempt(start, coarse, None, doubt, matcher=named.name)
         with query.clock.stage("refinement"):
             aligned = refine_pose(
-                self.renderer, query.photo, coarse.cam_from_world, settings.refinement, observer
+                renderer, query.photo, coarse.cam_from_world, settings.refinement, observer
             )
         doubt = self._doubt(query, coarse, aligned)
         return Attempt(start, coarse, aligned, doubt, matcher=named.name)

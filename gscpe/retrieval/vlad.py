@@ -38,7 +38,8 @@ def learn_vocabulary(
 ) -> Float32Array:
     """Visual words, (K, C) float32, by k-means over one (N, C) array of local descriptors a photo.
 
-    K is smaller than asked when there are fewer than eight descriptors a word.
+    K is smaller than asked when there are fewer than eight descriptors a word, or fewer different
+    ones than words.
     """
     rng = np.random.default_rng(seed)
     stacked = np.concatenate(descriptors)
@@ -50,8 +51,28 @@ def learn_vocabulary(
         return np.zeros((1, stacked.shape[1]), dtype=np.float32)
     from scipy.cluster.vq import kmeans2
 
-    centres, _ = kmeans2(stacked, words, iter=20, minit="++", rng=rng)
+    centres, _ = kmeans2(stacked, _first_words(stacked, words, rng), iter=20, minit="matrix")
     return np.asarray(centres, dtype=np.float32)
+
+
+def _first_words(
+    descriptors: Float32Array, count: int, rng: np.random.Generator
+) -> Float32Array:
+    """Descriptors, (K, C), that k-means begins with, far from each other (k-means++: Arthur and
+    Vassilvitskii, SODA 2007). SciPy's own compares all words again for each new one."""
+    from scipy.spatial.distance import cdist
+
+    chosen = [int(rng.integers(len(descriptors)))]
+    squared = np.full(len(descriptors), np.inf)
+    while len(chosen) < count:
+        latest = cdist(descriptors[chosen[-1:]], descriptors, "sqeuclidean")[0]
+        squared = np.minimum(squared, latest)
+        total = squared.sum()
+        if not total > 0:
+            break  # there are no more different ones
+        drawn = np.searchsorted((squared / total).cumsum(), rng.uniform())
+        chosen.append(min(int(drawn), len(descriptors) - 1))
+    return descriptors[chosen]
 
 
 def aggregate(descriptors: Float32Array, vocabulary: Float32Array) -> Float32Array:
