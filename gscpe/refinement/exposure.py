@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
-from gscpe.errors import SettingsError
+from gscpe.ranges import check_shares, check_whole
 
 _BLOCK = 8
 """Pixels whose means are compared: the poses are not exact yet."""
@@ -36,8 +36,8 @@ class ClippingSettings:
     min_share: float = 0.02
 
     def __post_init__(self) -> None:
-        if not 1 <= self.value <= 255 or not 0 <= self.min_share <= 1:
-            raise SettingsError("clipping needs a value in [1, 255] and min_share in [0, 1]")
+        check_whole(self, "value", least=1, most=255)
+        check_shares(self, "min_share")
 
 
 def is_clipped(photo: UInt8Array, settings: ClippingSettings) -> bool:
