@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import NoneType
 
 from gscpe.batch import TIMEOUT
 from gscpe.errors import SettingsError
 from gscpe.localization import LocalizerSettings
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.report import ReportSettings
+from gscpe.retrieval import parse_method
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,18 @@ class BenchmarkSettings:
     report: ReportSettings | None = field(default_factory=ReportSettings)
 
     def __post_init__(self) -> None:
-        if self.limit is not None and self.limit < 1:
-            raise SettingsError(f"at least one query must be localized, not {self.limit}")
+        check_kinds(
+            self,
+            localizer=LocalizerSettings,
+            matcher=str,
+            backend=str,
+            check_frames=bool,
+            scheduler=(str, NoneType),
+            resume=bool,
+            report=(ReportSettings, NoneType),
+        )
+        parse_method(self.retrieval)
+        check_whole(self, "limit", "workers", least=1, optional=True)
+        check_numbers(self, "timeout", above=0, infinite=True)
         if self.workers is not None and self.scheduler is not None:
             raise SettingsError("give workers or a scheduler, not both")

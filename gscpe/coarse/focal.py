@@ -11,11 +11,11 @@ from gscpe.arrays import Float64Array, short_repr
 from gscpe.coarse.least_squares import Matches2D3D
 from gscpe.coarse.pnp import PnPSettings
 from gscpe.coarse.ransac import sample_absolute_pose
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
 from gscpe.geometry.projection import transform_points
+from gscpe.ranges import check_numbers, check_whole
 
 _BEHIND = 1e-6
 _ITERATIONS = 50
@@ -54,17 +54,12 @@ class FocalSettings:
     principal_sigma: float = 0.01
 
     def __post_init__(self) -> None:
-        if not 0 < self.widest <= 1 <= self.narrowest < np.inf or self.steps < 1:
-            raise SettingsError(
-                "focal lengths need widest in (0, 1], narrowest of at least 1 and steps >= 1, not "
-                f"{self.widest}, {self.narrowest} and {self.steps}"
-            )
-        if not (1 <= self.around < np.inf and 0 < self.ordinary < np.inf):
-            raise SettingsError("around is a factor of at least 1, ordinary a positive length")
-        if self.min_inliers < 1 or not self.max_relative_sigma > 0:
-            raise SettingsError("a focal length needs min_inliers >= 1 and max_relative_sigma > 0")
-        if not 0 <= self.principal_sigma < np.inf:
-            raise SettingsError(f"principal_sigma cannot be {self.principal_sigma}; 0 or more")
+        check_numbers(self, "widest", above=0, most=1)
+        check_numbers(self, "narrowest", "around", least=1)
+        check_numbers(self, "ordinary", above=0)
+        check_whole(self, "steps", "min_inliers", least=1)
+        check_numbers(self, "max_relative_sigma", above=0, infinite=True)
+        check_numbers(self, "principal_sigma", least=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,11 @@ from gscpe.arrays import Float32Array, Float64Array, short_repr
 from gscpe.coarse.focal import FocalEstimate, check_focal_length
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
-from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.matching import Matcher, Matches
 from gscpe.photos import to_uint8
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 from gscpe.render import RenderedView
 
 LikePhoto = Callable[[RenderedView], Float32Array]
@@ -45,8 +45,11 @@ class CoarseSettings:
     pnp: PnPSettings = field(default_factory=PnPSettings)
 
     def __post_init__(self) -> None:
-        if self.max_rounds < 1:
-            raise SettingsError("the coarse loop needs at least one round")
+        check_whole(self, "max_rounds", least=1)
+        check_whole(self, "min_inliers", least=0)
+        check_numbers(self, "translation_tolerance", "rotation_tolerance_degrees", least=0)
+        check_shares(self, "min_opacity")
+        check_kinds(self, pnp=PnPSettings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.coarse.least_squares import Matches2D3D
 from gscpe.coarse.ransac import RansacSettings, sample_absolute_pose
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
+from gscpe.ranges import check_numbers, check_whole
 
 _MIN_POINTS = 4
 _SMALLEST_STEP = 1e-7
@@ -38,10 +38,8 @@ class PnPSettings(RansacSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.noise_pixels <= 0:
-            raise SettingsError(f"the noise must be positive, not {self.noise_pixels} pixels")
-        if self.cells < 1:
-            raise SettingsError(f"the grid needs at least one column, not {self.cells}")
+        check_numbers(self, "noise_pixels", "noise_correlation", above=0)
+        check_whole(self, "cells", least=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from gscpe.errors import MissingDependencyError, SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.interrupts import handlers_kept
+from gscpe.ranges import check_numbers, check_whole
 
 Solver = Literal["auto", "pycolmap", "opencv"]
 
@@ -38,10 +39,16 @@ class RansacSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.max_iterations < 1 or self.inlier_pixels <= 0:
-            raise SettingsError("RANSAC needs at least one iteration and a positive threshold")
-        if not 0 < self.confidence < 1:
-            raise SettingsError(f"confidence must lie in (0, 1), not {self.confidence}")
+        _check_solver(self.solver)
+        check_whole(self, "max_iterations", least=1)
+        check_numbers(self, "inlier_pixels", above=0)
+        check_numbers(self, "confidence", above=0, below=1)
+        check_whole(self, "seed", least=0)
+
+
+def _check_solver(solver: Solver) -> None:
+    if solver not in ("auto", "pycolmap", "opencv"):
+        raise SettingsError(f"solver must be auto, pycolmap or opencv, not {solver!r}")
 
 
 def choose_solver(solver: Solver) -> Literal["pycolmap", "opencv"]:
@@ -52,8 +59,7 @@ def choose_solver(solver: Solver) -> Literal["pycolmap", "opencv"]:
         MissingDependencyError: pycolmap was asked for and is not installed.
         SettingsError: there is no such solver.
     """
-    if solver not in ("auto", "pycolmap", "opencv"):
-        raise SettingsError(f"solver must be auto, pycolmap or opencv, not {solver!r}")
+    _check_solver(solver)
     if solver == "opencv":
         return "opencv"
     if importlib.util.find_spec("pycolmap") is not None:

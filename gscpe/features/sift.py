@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
+from gscpe.ranges import check_numbers, check_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,10 @@ class SiftSettings:
 
     max_features: int = 4000
     contrast_threshold: float = 0.02
+
+    def __post_init__(self) -> None:
+        check_whole(self, "max_features", least=1)
+        check_numbers(self, "contrast_threshold", least=0)
 
 
 def extract_sift(

@@ -20,6 +20,7 @@ from gscpe.localization.observer import Observer
 from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.verification import inlier_spread
 from gscpe.matching import Matcher
+from gscpe.ranges import check_shares, check_whole
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.render import Renders
 
@@ -50,15 +51,14 @@ class EasySettings:
     min_spread: float = 0.6
 
     def __post_init__(self) -> None:
-        if not (self.side == 0 or self.side >= 16):
+        check_whole(self, "side", "min_references", least=0)
+        check_whole(self, "min_inliers", least=1)
+        check_shares(self, "min_inlier_share", "min_spread")
+        if 0 < self.side < 16:
             raise SettingsError(
                 f"easy photos are first looked at with 16 pixels or more (0: not at all), not side "
                 f"{self.side}"
             )
-        if self.min_references < 0 or self.min_inliers < 1:
-            raise SettingsError("easy photos need min_references >= 0 and min_inliers >= 1")
-        if not (0 <= self.min_inlier_share <= 1 and 0 <= self.min_spread <= 1):
-            raise SettingsError("min_inlier_share and min_spread are shares: they lie in [0, 1]")
 
 
 def is_easy(first: Round, settings: EasySettings) -> bool:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
+from gscpe.ranges import check_numbers
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,7 @@ class FusionSettings:
     matches_variance_factor: float = 4.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.matches_variance_factor < np.inf:
-            raise SettingsError(
-                "matches_variance_factor must be positive and finite, "
-                f"not {self.matches_variance_factor}"
-            )
+        check_numbers(self, "matches_variance_factor", above=0)
 
 
 def fuse_matches_and_alignment(

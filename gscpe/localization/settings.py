@@ -5,14 +5,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import NoneType
 
 from gscpe.coarse import CoarseSettings, FocalSettings
 from gscpe.errors import SettingsError
 from gscpe.localization.easy import EasySettings
 from gscpe.localization.fusion import FusionSettings
 from gscpe.localization.verification import VerificationSettings
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.refinement import RefinementSettings
 from gscpe.retrieval import IndexSettings
+
+_ORIENTATIONS = frozenset(range(1, 9))
+"""Of EXIF."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +82,32 @@ class LocalizerSettings:
     verification: VerificationSettings = field(default_factory=VerificationSettings)
 
     def __post_init__(self) -> None:
-        if not 1 <= self.hypotheses <= self.retrieved:
+        check_whole(self, "hypotheses", "retrieved", least=1)
+        check_whole(self, "turned_hypotheses", "more_places", "tracking_levels", least=0)
+        check_numbers(self, "same_place", "same_place_degrees", least=0, infinite=True)
+        check_numbers(self, "same_resolution", "most_enlarged", least=1, infinite=True)
+        check_numbers(self, "prior_sigmas", "prior_degrees", least=0, infinite=True)
+        check_numbers(self, "motion_sigma", "motion_sigma_degrees", above=0)
+        check_numbers(self, "tracking_sigma", "tracking_sigma_degrees", least=0, infinite=True)
+        check_kinds(
+            self,
+            escalate=bool,
+            retrieval_model=(str, Path, NoneType),
+            index=IndexSettings,
+            easy=EasySettings,
+            coarse=CoarseSettings,
+            focal=FocalSettings,
+            refinement=RefinementSettings,
+            fusion=FusionSettings,
+            verification=VerificationSettings,
+        )
+        if self.hypotheses > self.retrieved:
             raise SettingsError(
-                "at least one place must be tried, and as many references retrieved, not "
-                f"{self.hypotheses} and {self.retrieved}"
+                "as many references must be retrieved as places are to be tried: retrieved is "
+                f"{self.retrieved}, hypotheses {self.hypotheses}"
             )
-        if self.more_places < 0:
-            raise SettingsError(f"more_places cannot be negative, not {self.more_places}")
-        if self.same_resolution < 1 or self.most_enlarged < 1:
-            raise SettingsError("same_resolution and most_enlarged are factors of at least 1")
+        if not isinstance(self.orientations, tuple) or not set(self.orientations) <= _ORIENTATIONS:
+            raise SettingsError(
+                "LocalizerSettings.orientations must be a tuple of EXIF orientations, 1 to 8, not "
+                f"{self.orientations!r}"
+            )

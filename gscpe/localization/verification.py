@@ -13,6 +13,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 from gscpe.localization.starts import PosePrior
+from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
 
@@ -55,6 +56,24 @@ class VerificationSettings:
     max_sigma_degrees: float = 3.0
     max_focal_error: float = 0.03
     prior_sigmas: float = 4.0
+
+    def __post_init__(self) -> None:
+        check_whole(self, "min_inliers", least=0)
+        check_shares(self, "min_inlier_share", "min_spread", "min_overlap")
+        check_numbers(
+            self, "min_agreement", "min_tracking_agreement", "sure_agreement", least=-1, most=1
+        )
+        check_numbers(
+            self,
+            "max_shift",
+            "max_shift_degrees",
+            "max_sigma",
+            "max_sigma_degrees",
+            "max_focal_error",
+            "prior_sigmas",
+            least=0,
+            infinite=True,
+        )
 
 
 def inlier_spread(inlier_pixels: Float64Array, camera: Camera) -> float:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gscpe.errors import SettingsError
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_test_every, check_whole
 from gscpe.reconstruction import ReconstructionSettings
 from gscpe.retrieval import parse_method
 
@@ -36,17 +37,20 @@ class CertificateSettings:
     max_bytes: int = 4_000_000
 
     def __post_init__(self) -> None:
-        if not 0 <= self.usable_localized <= self.good_localized <= 1:
-            raise SettingsError(
-                "shares lie in [0, 1], and a good map's is not below a usable one's"
-            )
-        if not (
-            0 < self.good_error <= self.usable_error
-            and 0 < self.good_degrees <= self.usable_degrees
+        check_shares(self, "usable_localized", "good_localized")
+        check_numbers(self, "good_error", "good_degrees", "usable_error", "usable_degrees", above=0)
+        check_whole(self, "pictures", least=0)
+        check_whole(self, "picture_width", least=16)
+        check_whole(self, "max_bytes", least=1)
+        if (
+            self.usable_localized > self.good_localized
+            or self.good_error > self.usable_error
+            or self.good_degrees > self.usable_degrees
         ):
-            raise SettingsError("errors are positive, and a good map's not above a usable one's")
-        if self.pictures < 0 or self.picture_width < 16 or self.max_bytes < 1:
-            raise SettingsError("pictures need a width of at least 16 pixels")
+            raise SettingsError(
+                "a good map must localize at least the share of a usable one, with errors that are "
+                "not above a usable one's"
+            )
 
 
 @dataclass(frozen=True)
@@ -78,15 +82,10 @@ class MakeMapSettings:
 
     def __post_init__(self) -> None:
         parse_method(self.retrieval)
-        if self.test_every < 0 or self.test_every == 1:
-            raise SettingsError(f"test_every must be 0, or 2 and more, not {self.test_every}")
-        # What training would refuse, hours later.
-        if not self.minutes > 0:
-            raise SettingsError(f"minutes must be positive, not {self.minutes}")
-        if self.iterations is not None and self.iterations < 1:
-            raise SettingsError(f"iterations must be at least 1, not {self.iterations}")
-        if self.max_gaussians < 1 or self.seed < 0:
-            raise SettingsError(
-                "max_gaussians must be at least 1 and seed at least 0, not "
-                f"{self.max_gaussians} and {self.seed}"
-            )
+        check_kinds(self, reconstruction=ReconstructionSettings, certificate=CertificateSettings)
+        check_test_every(self.test_every)
+        # What gscpe.training.TrainingSettings would refuse, hours later.
+        check_numbers(self, "minutes", above=0, below=1e5)
+        check_whole(self, "iterations", least=1, optional=True)
+        check_whole(self, "max_gaussians", least=100)
+        check_whole(self, "seed", least=0)

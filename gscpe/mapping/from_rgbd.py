@@ -20,13 +20,14 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
-from gscpe.errors import CameraError, PhotoError, SettingsError
+from gscpe.errors import CameraError, PhotoError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centre
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.se3 import check_transform, inverse
 from gscpe.photos import to_photo
 from gscpe.photos.image_array import check_image
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.render import Renderer, choose_backend
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import Map, References
@@ -68,8 +69,13 @@ class RgbdMapSettings:
 
     def __post_init__(self) -> None:
         parse_method(self.retrieval)
-        if self.surfel_sigma <= 0 or self.thickness <= 0 or not 0 < self.opacity < 1:
-            raise SettingsError("surfels need positive sizes and an opacity in (0, 1)")
+        check_kinds(self, backend=str)
+        check_numbers(self, "surfel_sigma", "thickness", above=0)
+        check_numbers(self, "opacity", above=0, below=1)
+        check_numbers(self, "layer_spacing", least=0)
+        check_numbers(self, "max_depth_step", above=0, infinite=True)
+        check_whole(self, "colour_steps", least=0)
+        check_numbers(self, "colour_rate", above=0, most=1)
 
 
 def map_from_rgbd(

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gscpe.errors import MapError, SettingsError, SplatError
+from gscpe.errors import MapError, SplatError
 from gscpe.mapping.reference_photos import reference_photo
 from gscpe.photos.photo import LazyPhotos
+from gscpe.ranges import check_numbers
 from gscpe.retrieval import describe_references, parse_method
 from gscpe.scene import GlobalDescriptors, Map, References
 from gscpe.splats import GaussianScene
@@ -31,8 +32,7 @@ class MapSettings:
 
     def __post_init__(self) -> None:
         parse_method(self.retrieval)
-        if self.metres_per_unit is not None and not 0 < self.metres_per_unit < np.inf:
-            raise SettingsError(f"metres per unit must be positive, not {self.metres_per_unit}")
+        check_numbers(self, "metres_per_unit", above=0, optional=True)
 
 
 def build_map(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gscpe.errors import SettingsError
+from gscpe.ranges import check_numbers, check_shares, check_whole
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,21 @@ class FrameCheckSettings:
     longest_side: int = 1000
 
     def __post_init__(self) -> None:
-        if min(self.photos, self.references, self.min_measured) < 1 or self.longest_side < 16:
-            raise SettingsError("a check of frames needs a photo, and 16 pixels of it")
+        check_whole(self, "photos", "references", "min_measured", least=1)
+        check_whole(self, "longest_side", least=16)
+        check_numbers(self, "min_correlation", least=-1, most=1)
+        check_numbers(
+            self,
+            "warn_shift",
+            "warn_degrees",
+            "warn_scale",
+            "max_shift",
+            "max_degrees",
+            "max_scale",
+            "sure",
+            least=0,
+            infinite=True,
+        )
 
 
 @dataclass(frozen=True)
@@ -67,5 +80,6 @@ class MapCheckSettings:
     min_localized: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.references < 1:
-            raise SettingsError("a check of a map needs at least one reference")
+        check_whole(self, "references", least=1)
+        check_numbers(self, "max_shift", "max_degrees", "max_sigmas", least=0, infinite=True)
+        check_shares(self, "min_returned", "min_localized")

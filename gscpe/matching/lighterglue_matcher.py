@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import NoneType
 
 from gscpe.arrays import BoolArray, UInt8Array
-from gscpe.errors import SettingsError
 from gscpe.features.xfeat import XFeat
 from gscpe.matching.lighterglue import LighterGlue
 from gscpe.matching.polish import PolishSettings, polish
 from gscpe.matching.protocol import Matches
 from gscpe.matching.xfeat_matcher import XFeatImage, prepare_image
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,9 @@ class LighterGlueMatcherSettings:
     polish: PolishSettings | None = field(default_factory=PolishSettings)
 
     def __post_init__(self) -> None:
-        if self.max_features < 1 or not 0 <= self.min_score < 1:
-            raise SettingsError(
-                "LighterGlue needs at least one feature and a score in [0, 1), "
-                f"not {self.max_features} and {self.min_score}"
-            )
+        check_whole(self, "max_features", least=1)
+        check_numbers(self, "min_score", least=0, below=1)
+        check_kinds(self, polish=(PolishSettings, NoneType))
 
 
 class LighterGlueMatcher:

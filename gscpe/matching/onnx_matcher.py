@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from types import NoneType
 from typing import Any, Sequence
 
 import cv2
@@ -17,6 +18,7 @@ from gscpe.errors import ModelError, SettingsError
 from gscpe.matching.polish import PolishSettings, for_polishing, polish
 from gscpe.matching.protocol import Matches
 from gscpe.models import open_session
+from gscpe.ranges import check_kinds, check_whole
 
 _INPUTS = ("image0", "image1")
 _OUTPUTS = {"points0": (None, 2), "points1": (None, 2), "scores": (None,)}
@@ -45,8 +47,8 @@ class OnnxMatcherSettings:
             raise SettingsError(
                 f"top_left_pixel_centre must be 0 or 0.5, not {self.top_left_pixel_centre!r}"
             )
-        if type(self.multiple_of) is not int or self.multiple_of < 1:
-            raise SettingsError(f"multiple_of must be 1 or more, not {self.multiple_of!r}")
+        check_whole(self, "multiple_of", least=1)
+        check_kinds(self, polish=(PolishSettings, NoneType))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.errors import SettingsError
 from gscpe.photos.local_window import at_full_size, local_mean
+from gscpe.ranges import check_numbers, check_whole
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,10 @@ class PolishSettings:
     sigma: float = 8.0
 
     def __post_init__(self) -> None:
-        if self.window < 3 or self.window % 2 == 0 or self.max_shift <= 0 or self.sigma <= 0:
-            raise SettingsError("polishing needs an odd window of at least 3 pixels, and positive")
+        check_whole(self, "window", least=3)
+        check_numbers(self, "max_shift", "sigma", above=0)
+        if self.window % 2 == 0:
+            raise SettingsError(f"polishing needs an odd window, not one of {self.window} pixels")
 
 
 def normalize_locally(rgb: UInt8Array, sigma: float = 8.0) -> UInt8Array:

@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import NoneType
 
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
-from gscpe.errors import SettingsError
 from gscpe.features import LocalFeatures, SiftSettings, extract_sift
 from gscpe.matching.nearest import mutual_nearest
 from gscpe.matching.polish import PolishSettings, for_polishing, polish
 from gscpe.matching.protocol import Matches, no_matches
+from gscpe.ranges import check_kinds, check_numbers
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class SiftMatcherSettings:
     polish: PolishSettings | None = field(default_factory=PolishSettings)
 
     def __post_init__(self) -> None:
-        if not 0 < self.ratio <= 1:
-            raise SettingsError(f"ratio must lie in (0, 1], not {self.ratio}")
+        check_numbers(self, "ratio", above=0, most=1)
+        check_kinds(self, sift=SiftSettings, polish=(PolishSettings, NoneType))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import NoneType
 
 from gscpe.arrays import BoolArray, UInt8Array
-from gscpe.errors import SettingsError
 from gscpe.features.xfeat import XFeat, XFeatFeatures
 from gscpe.matching.nearest import mutual_nearest
 from gscpe.matching.polish import PolishSettings, for_polishing, polish
 from gscpe.matching.protocol import Matches, no_matches
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,9 @@ class XFeatMatcherSettings:
     polish: PolishSettings | None = field(default_factory=PolishSettings)
 
     def __post_init__(self) -> None:
-        if self.max_features < 1 or not -1 <= self.min_cosine < 1:
-            raise SettingsError("XFeat needs at least one feature and a cosine below 1")
+        check_whole(self, "max_features", least=1)
+        check_numbers(self, "min_cosine", least=-1, below=1)
+        check_kinds(self, polish=(PolishSettings, NoneType))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gscpe.errors import SettingsError
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 
 
 @dataclass(frozen=True)
@@ -37,18 +38,16 @@ class ReconstructionSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.max_size < 64:
-            raise SettingsError(f"photos need at least 64 pixels, not max_size {self.max_size}")
-        if self.frames < 3:
-            raise SettingsError(f"at least 3 frames are needed, not {self.frames}")
-        if min(self.all_pairs_up_to, self.most_similar, self.in_order) < 0 or (
-            self.most_similar + self.in_order < 1
-        ):
-            raise SettingsError("each photo must be matched with at least one other")
-        if self.max_features < 100:
-            raise SettingsError(f"at least 100 features are needed, not {self.max_features}")
-        if self.seed < 0:
-            raise SettingsError(f"seed must be 0 or more, not {self.seed}")
+        check_whole(self, "max_size", least=64)
+        check_whole(self, "frames", least=3)
+        check_whole(self, "all_pairs_up_to", "most_similar", "in_order", "seed", least=0)
+        check_whole(self, "max_features", least=100)
+        check_numbers(self, "min_sharpness", least=0)
+        if self.most_similar + self.in_order < 1:
+            raise SettingsError(
+                "each photo must be matched with at least one other: most_similar and in_order are "
+                "both 0"
+            )
 
 
 @dataclass(frozen=True)
@@ -79,9 +78,13 @@ class PoseRefinementSettings:
     refine_focal_length: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.last_error <= self.first_error < 1:
-            raise SettingsError("errors are positive, and the last not above the first")
-        if self.rounds < 1 or self.least_points < 4:
-            raise SettingsError("at least one round and four points a photo are needed")
-        if not (0 <= self.least_agreement <= 1 and 0 <= self.least_fit <= 1):
-            raise SettingsError("shares lie in [0, 1]")
+        check_numbers(self, "first_error", "last_error", above=0, below=1)
+        check_whole(self, "rounds", least=1)
+        check_whole(self, "least_points", least=4)
+        check_shares(self, "least_agreement", "least_fit")
+        check_kinds(self, refine_focal_length=bool)
+        if self.last_error > self.first_error:
+            raise SettingsError(
+                f"last_error must not be above first_error, not {self.last_error} and "
+                f"{self.first_error}"
+            )

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
-from gscpe.errors import SettingsError
 from gscpe.photos.photo import brightest_channel
+from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement.pyramid import AnchorLevel
 
 _BLOCK = 8
@@ -47,10 +47,9 @@ class ClippingSettings:
     min_share_matched: float = 0.2
 
     def __post_init__(self) -> None:
-        if not 1 <= self.value <= 255 or not 0 <= self.min_share <= self.min_share_matched <= 1:
-            raise SettingsError(
-                "clipping needs a value in [1, 255] and 0 <= min_share <= min_share_matched <= 1"
-            )
+        check_whole(self, "value", least=1, most=255)
+        check_shares(self, "min_share")
+        check_numbers(self, "min_share_matched", least=self.min_share, most=1)
 
 
 def clipped_share(photo: UInt8Array, settings: ClippingSettings) -> float:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array
-from gscpe.errors import SettingsError
+from gscpe.ranges import check_numbers, check_shares, check_whole
 
 _BLOCK = 8
 """Pixels whose means are compared: the poses are not exact yet."""
@@ -45,11 +45,9 @@ class IlluminationSettings:
     least_gain: float = 0.7
 
     def __post_init__(self) -> None:
-        if not 1 <= self.degree <= 6 or self.least_spread < 0 or not 0 <= self.least_gain <= 1:
-            raise SettingsError(
-                "illumination needs a degree from 1 to 6, least_spread >= 0 and "
-                "least_gain in [0, 1]"
-            )
+        check_whole(self, "degree", least=1, most=6)
+        check_numbers(self, "least_spread", least=0, infinite=True)
+        check_shares(self, "least_gain")
 
 
 def fit_illumination(

@@ -10,6 +10,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array
 from gscpe.photos import Photo, luminance
 from gscpe.photos.photo import brightest_channel
+from gscpe.ranges import check_kinds
 from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
 from gscpe.refinement.illumination import IlluminationSettings, fit_illumination
 from gscpe.render import RenderedView
@@ -21,6 +22,9 @@ class LightSettings:
 
     clipping: ClippingSettings = field(default_factory=ClippingSettings)
     illumination: IlluminationSettings = field(default_factory=IlluminationSettings)
+
+    def __post_init__(self) -> None:
+        check_kinds(self, clipping=ClippingSettings, illumination=IlluminationSettings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from gscpe.arrays import BoolArray, Float64Array, short_repr
 from gscpe.errors import SettingsError
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
 from gscpe.photos import Photo, luminance
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.exposure import without_flat_white
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
@@ -74,14 +75,23 @@ class RefinementSettings:
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
 
     def __post_init__(self) -> None:
-        if (
-            min(self.levels, self.agreement_level) < 0
-            or self.smallest_side < 1
-            or not 1 <= self.min_anchors <= self.max_anchors
-        ):
+        check_whole(self, "levels", "lenient_level", "agreement_level", "turned_level", least=0)
+        check_whole(self, "smallest_side", "max_anchors", "min_anchors", least=1)
+        check_numbers(self, "turned_degrees", "rerender_pixels", "far_pixels", least=0)
+        check_numbers(
+            self, "rerender_translation", "rerender_rotation_degrees", least=0, optional=True
+        )
+        check_kinds(
+            self,
+            light=LightSettings,
+            visibility=VisibilitySettings,
+            solver=LucasKanadeSettings,
+            uncertainty=UncertaintySettings,
+        )
+        if self.min_anchors > self.max_anchors:
             raise SettingsError(
-                "refinement needs levels and agreement_level >= 0, smallest_side >= 1 "
-                "and 1 <= min_anchors <= max_anchors"
+                f"refinement needs min_anchors <= max_anchors, not {self.min_anchors} and "
+                f"{self.max_anchors}"
             )
 
 

@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray, short_repr
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import unproject_image
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.refinement.products import combined, compiled_loops, inner_products
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import TUKEY_CUTOFF, robust_sigma, tukey_weights
@@ -62,8 +62,11 @@ class LucasKanadeSettings:
     extrapolate: bool = False
 
     def __post_init__(self) -> None:
-        if self.max_iterations < 1 or self.min_pixels < 8 or self.max_template_pixels < 8:
-            raise SettingsError("Lucas-Kanade needs at least one iteration and eight pixels")
+        check_whole(self, "max_iterations", least=1)
+        check_whole(self, "min_pixels", "max_template_pixels", least=8)
+        check_numbers(self, "converged_pixels", least=0)
+        check_numbers(self, "min_noise", above=0)
+        check_kinds(self, gain_and_bias=bool, robust=bool, extrapolate=bool)
 
 
 @dataclass(frozen=True, eq=False)

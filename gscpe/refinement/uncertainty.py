@@ -24,10 +24,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array, IntArray
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
+from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement.lucas_kanade import (
     Alignment,
     LucasKanadeSettings,
@@ -103,10 +103,11 @@ class UncertaintySettings:
     least_pixels: float = 0.004
 
     def __post_init__(self) -> None:
-        if self.blocks < 1 or not (self.factor > 0 and self.least_pixels >= 0):
-            raise SettingsError("a covariance needs blocks >= 1, factor > 0 and least_pixels >= 0")
-        if not (0 <= self.shrinkage <= 1 and 0 < self.enough_shared <= 1):
-            raise SettingsError("shrinkage lies in [0, 1], enough_shared in (0, 1]")
+        check_whole(self, "blocks", least=1)
+        check_shares(self, "shrinkage")
+        check_numbers(self, "factor", above=0)
+        check_numbers(self, "enough_shared", above=0, most=1)
+        check_numbers(self, "least_pixels", least=0)
 
 
 def pose_uncertainty(

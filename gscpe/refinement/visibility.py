@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gscpe.arrays import BoolArray, Float64Array
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.projection import unproject_image
+from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement.products import compiled_loops
 from gscpe.render import RenderedView, Renders
 
@@ -47,12 +47,11 @@ class VisibilitySettings:
     max_depth_step: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.views < 0 or not 0 < self.view_scale <= 1:
-            raise SettingsError("the mask needs views >= 0 and view_scale in (0, 1]")
-        if not (0 <= self.min_opacity <= 1 and 0 <= self.min_votes <= 1):
-            raise SettingsError("min_opacity and min_votes are shares: they lie in [0, 1]")
-        if not min(self.depth_tolerance, self.perturbation, self.max_depth_step) >= 0:
-            raise SettingsError("the mask's lengths and max_depth_step cannot be negative")
+        check_whole(self, "views", least=0)
+        check_shares(self, "min_opacity", "min_votes")
+        check_numbers(self, "view_scale", above=0, most=1)
+        check_numbers(self, "perturbation", least=0)
+        check_numbers(self, "depth_tolerance", "max_depth_step", least=0, infinite=True)
 
 
 def surface_mask(view: RenderedView, settings: VisibilitySettings) -> BoolArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gscpe.errors import SettingsError
+from gscpe.ranges import check_kinds, check_numbers, check_whole
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,9 @@ class ReportSettings:
     date: str = ""
 
     def __post_init__(self) -> None:
-        if min(self.queries, self.refused, self.worst, self.slowest, self.matches) < 0:
-            raise SettingsError("the numbers of queries and matches in a report cannot be negative")
-        if self.picture_width < 16 or not 1 <= self.quality <= 100 or self.boost <= 0:
-            raise SettingsError(
-                "pictures need a width of at least 16 pixels, a quality of 1 to 100 and a "
-                f"positive boost, not {self.picture_width}, {self.quality} and {self.boost}"
-            )
-        if self.marks < 1 or self.max_bytes < 1:
-            raise SettingsError(
-                "a report needs at least one mark of each kind, and a positive size"
-            )
+        check_whole(self, "queries", "refused", "worst", "slowest", "matches", least=0)
+        check_whole(self, "picture_width", least=16)
+        check_whole(self, "quality", least=1, most=100)
+        check_whole(self, "marks", "max_bytes", least=1)
+        check_numbers(self, "boost", above=0)
+        check_kinds(self, date=str)

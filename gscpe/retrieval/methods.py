@@ -49,9 +49,10 @@ def parse_method(method: str) -> tuple[str, str]:
     Raises:
         SettingsError: there is no such method.
     """
-    kind, _, path = method.partition(":")
-    if method in _WORDS or (kind == "onnx" and path):
-        return kind, path
+    if isinstance(method, str):
+        kind, _, path = method.partition(":")
+        if method in _WORDS or (kind == "onnx" and path):
+            return kind, path
     raise SettingsError(
         f"there is no retrieval method {method!r}; the methods are {', '.join(METHODS)}"
     )

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gscpe.arrays import Float32Array, IntArray
-from gscpe.errors import SettingsError
+from gscpe.ranges import check_whole
 
 _log = logging.getLogger(__name__)
 
@@ -51,10 +51,9 @@ class IndexSettings:
     probes: int = 32
 
     def __post_init__(self) -> None:
-        if self.probes < 1 or (self.lists is not None and self.lists < 1):
-            raise SettingsError("an index needs at least one list and one probe")
-        if self.exact_up_to < 0 or self.exact_queries < 0:
-            raise SettingsError("how many references and queries are exact cannot be negative")
+        check_whole(self, "probes", least=1)
+        check_whole(self, "lists", least=1, optional=True)
+        check_whole(self, "exact_up_to", "exact_queries", least=0)
 
 
 class ReferenceIndex:

@@ -13,7 +13,7 @@ from typing import Sequence
 import numpy as np
 
 from gscpe.arrays import Float32Array
-from gscpe.errors import SettingsError
+from gscpe.ranges import check_whole
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,7 @@ class VocabularySettings:
     training_descriptors: int = 20_000
 
     def __post_init__(self) -> None:
-        if self.words < 1 or self.training_descriptors < 1:
-            raise SettingsError("a vocabulary needs at least one word and one descriptor")
+        check_whole(self, "words", "training_descriptors", least=1)
 
 
 def learn_vocabulary(
@@ -55,9 +54,7 @@ def learn_vocabulary(
     return np.asarray(centres, dtype=np.float32)
 
 
-def _first_words(
-    descriptors: Float32Array, count: int, rng: np.random.Generator
-) -> Float32Array:
+def _first_words(descriptors: Float32Array, count: int, rng: np.random.Generator) -> Float32Array:
     """Descriptors, (K, C), that k-means begins with, far from each other (k-means++: Arthur and
     Vassilvitskii, SODA 2007). SciPy's own compares all words again for each new one."""
     from scipy.spatial.distance import cdist

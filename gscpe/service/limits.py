@@ -6,8 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from io import BytesIO
 
-from gscpe.errors import PhotoError, SettingsError
+from gscpe.errors import PhotoError
 from gscpe.photos.image_file import heic_photo, is_heic
+from gscpe.ranges import check_numbers, check_whole
 from gscpe.service.problem import ProblemError, too_large
 
 FORMATS = ("JPEG", "PNG", "WEBP")
@@ -37,11 +38,9 @@ class Limits:
     trackers: int = 2
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value > 0 and name != "trackers":
-                raise SettingsError(f"a service's {name} must be positive, not {value}")
-        if self.trackers < 0:
-            raise SettingsError(f"a service's trackers must be 0 or more, not {self.trackers}")
+        check_whole(self, "body_bytes", "pixels", "queue", least=1)
+        check_numbers(self, "upload_seconds", "decode_seconds", "seconds", above=0)
+        check_whole(self, "trackers", least=0)
 
 
 def check_photo(data: bytes, name: str, limits: Limits) -> tuple[int, int]:

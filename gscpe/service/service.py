@@ -9,6 +9,7 @@ import json
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import NoneType
 from typing import Any, Awaitable, Mapping
 
 from gscpe.batch.choose import workers_for
@@ -16,7 +17,8 @@ from gscpe.batch.in_process import Start
 from gscpe.batch.shelf import ShelfOrder, shelf_bytes
 from gscpe.closing import Closing
 from gscpe.cores import available_cores
-from gscpe.errors import MapError, SettingsError
+from gscpe.errors import MapError
+from gscpe.ranges import check_kinds, check_whole
 from gscpe.service.desk import AboveJob, Desk, Job
 from gscpe.service.gate import Gate
 from gscpe.service.limits import Limits
@@ -47,8 +49,8 @@ class ServiceSettings:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise SettingsError(f"a service needs at least one worker, not {self.workers}")
+        check_kinds(self, host=str, token=(str, NoneType), insecure=bool, limits=Limits)
+        check_whole(self, "workers", least=1)
 
 
 class Service(Closing):

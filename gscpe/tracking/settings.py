@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gscpe.errors import SettingsError
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 from gscpe.refinement import LucasKanadeSettings, UncertaintySettings, VisibilitySettings
 
 
@@ -39,10 +40,19 @@ class TrustSettings:
     max_unconfirmed: int = 2
 
     def __post_init__(self) -> None:
-        if self.check_frames < 1 or self.max_unconfirmed < 0 or self.max_gain < 1:
-            raise SettingsError(
-                "tracking needs check_frames >= 1, max_unconfirmed >= 0 and max_gain >= 1"
-            )
+        check_numbers(self, "min_agreement", "sure_agreement", least=-1, most=1)
+        check_shares(self, "min_alike", "min_overlap")
+        check_numbers(self, "max_gain", least=1, infinite=True)
+        check_numbers(
+            self,
+            "max_sigma",
+            "max_sigma_degrees",
+            "max_surprise_pixels",
+            least=0,
+            infinite=True,
+        )
+        check_whole(self, "check_frames", least=1)
+        check_whole(self, "max_unconfirmed", least=0)
 
 
 @dataclass(frozen=True)
@@ -108,18 +118,28 @@ class TrackingSettings:
         )
 
     def __post_init__(self) -> None:
-        if not 0 < self.scale <= 1:
-            raise SettingsError(f"the scale of frames must lie in (0, 1], not {self.scale}")
-        if not 0 < self.anchor_pixels <= self.farthest_pixels:
-            raise SettingsError("tracking needs 0 < anchor_pixels <= farthest_pixels")
-        if min(self.levels, self.patience) < 1 or min(self.anchors, self.kept_frames) < 2:
+        check_kinds(
+            self,
+            wait=bool,
+            between=bool,
+            solver=LucasKanadeSettings,
+            visibility=VisibilitySettings,
+            uncertainty=UncertaintySettings,
+            trust=TrustSettings,
+        )
+        check_numbers(self, "scale", above=0, most=1)
+        check_numbers(self, "anchor_pixels", "farthest_pixels", above=0)
+        check_whole(self, "levels", "patience", least=1)
+        check_whole(self, "anchors", "kept_frames", least=2)
+        check_whole(
+            self,
+            "template_pixels",
+            "coarse_pixels",
+            "judged_pixels",
+            least=self.solver.min_pixels,
+        )
+        if self.anchor_pixels > self.farthest_pixels:
             raise SettingsError(
-                "tracking needs levels and patience >= 1, anchors and kept_frames >= 2"
-            )
-        if (
-            min(self.template_pixels, self.coarse_pixels, self.judged_pixels)
-            < self.solver.min_pixels
-        ):
-            raise SettingsError(
-                f"a template needs at least the solver's {self.solver.min_pixels} pixels"
+                "tracking needs anchor_pixels <= farthest_pixels, not "
+                f"{self.anchor_pixels} and {self.farthest_pixels}"
             )

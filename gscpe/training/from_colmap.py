@@ -10,6 +10,7 @@ import numpy as np
 
 from gscpe.errors import OutputError, SettingsError
 from gscpe.photos.masks import check_masks
+from gscpe.ranges import check_test_every
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.training.evaluation import Likeness, likeness
 from gscpe.training.from_references import (
@@ -86,8 +87,7 @@ def train_from_colmap(
         raise OutputError(f"{output}: splats are written as .ply or .spz")
     if max_size < 32:
         raise SettingsError(f"photos need at least 32 pixels, not max_size {max_size}")
-    if test_every < 0 or test_every == 1:
-        raise SettingsError(f"test_every must be 0, or 2 and more, not {test_every}")
+    check_test_every(test_every)
     checkpoint = checkpoint_of(output)
     if checkpoint.exists() and not resume:
         raise OutputError(

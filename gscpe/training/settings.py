@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 from gscpe.errors import SettingsError
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 
 
 @dataclass(frozen=True)
@@ -82,30 +84,49 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.iterations < 1:
-            raise SettingsError(f"iterations must be at least 1, not {self.iterations}")
-        if self.minutes is not None and not 0 < self.minutes < 1e5:
-            raise SettingsError(f"minutes must be more than 0, not {self.minutes}")
-        if self.max_gaussians < 100:
-            raise SettingsError(f"max_gaussians must be at least 100, not {self.max_gaussians}")
-        if self.sh_degree not in (0, 1, 2, 3):
-            raise SettingsError(f"sh_degree must be 0, 1, 2 or 3, not {self.sh_degree}")
-        if len(self.sh_shares) != 3 or list(self.sh_shares) != sorted(self.sh_shares):
-            raise SettingsError("sh_shares must be three shares in ascending order")
-        if not 0 <= self.depth_weight < 1e6 or not 0 < self.depth_weight_end <= 1:
+        check_whole(self, "iterations", "densify_rounds", least=1)
+        check_numbers(self, "minutes", above=0, below=1e5, optional=True)
+        check_whole(self, "max_gaussians", least=100)
+        check_whole(self, "sh_degree", least=0, most=3)
+        check_whole(self, "seed", least=0)
+        check_kinds(self, antialiased=bool, sh_shares=tuple)
+        check_shares(self, "small_share", "densify_from", "densify_until", "prune_until")
+        check_shares(self, "ssim_weight", "prune_opacity")
+        check_numbers(
+            self,
+            "position_rate",
+            "scale_rate",
+            "rotation_rate",
+            "opacity_rate",
+            "colour_rate",
+            "harmonics_rate",
+            "exposure_rate",
+            "depth_weight",
+            "opacity_weight",
+            "scale_weight",
+            "least_growth",
+            "most_growth",
+            "split_gradient",
+            least=0,
+            below=1e6,
+        )
+        check_numbers(self, "position_rate_end", "rates_end", "depth_weight_end", above=0, most=1)
+        check_numbers(self, "prune_scale", above=0, infinite=True)
+        check_numbers(self, "first_opacity", above=0, below=1)
+        shares = self.sh_shares
+        if (
+            len(shares) != 3
+            or not all(isinstance(share, Real) and 0 <= share <= 1 for share in shares)
+            or list(shares) != sorted(shares)
+        ):
             raise SettingsError(
-                "depth_weight must be 0 or more, and depth_weight_end lie in (0, 1], not "
-                f"{self.depth_weight} and {self.depth_weight_end}"
+                f"sh_shares must be three shares in [0, 1] in ascending order, not {shares}"
             )
-        if self.seed < 0:
-            raise SettingsError(f"seed must be 0 or more, not {self.seed}")
-        if self.densify_rounds < 1:
-            raise SettingsError(f"densify_rounds must be at least 1, not {self.densify_rounds}")
-        for name in ("small_share", "densify_from", "densify_until", "prune_until"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise SettingsError(f"{name} must lie in [0, 1], not {getattr(self, name)}")
-        if not 0 < self.first_opacity < 1:
-            raise SettingsError(f"first_opacity must lie in (0, 1), not {self.first_opacity}")
+        if self.least_growth > self.most_growth:
+            raise SettingsError(
+                "least_growth must not be above most_growth, not "
+                f"{self.least_growth} and {self.most_growth}"
+            )
 
     def sh_degree_at(self, share: float) -> int:
         """The degree of the colours at a share of the training."""

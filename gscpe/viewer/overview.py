@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
-from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.projection import transform_points
 from gscpe.photos import to_uint8
+from gscpe.ranges import check_numbers, check_whole
 from gscpe.render import RenderedView, Renderer
 from gscpe.scene import Map
 from gscpe.viewer.cameras import (
@@ -65,11 +65,8 @@ class OverviewSettings:
     sigmas: float = 5.0
 
     def __post_init__(self) -> None:
-        if min(self.width, self.height) < 64 or not self.sigmas > 0:
-            raise SettingsError(
-                "a picture needs at least 64x64 pixels, and a positive number of standard "
-                f"deviations, not {self.width}x{self.height} and {self.sigmas}"
-            )
+        check_whole(self, "width", "height", least=64)
+        check_numbers(self, "sigmas", above=0)
 
 
 def overview(

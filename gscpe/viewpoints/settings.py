@@ -5,12 +5,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf
+from numbers import Real
+from types import NoneType
 
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 
 _LEAST_SIDE = 48
 """Pixels: SIFT finds some thirty features in photos of 64x48 pixels, and five in 32x24."""
+
+
+def _is_direction(up: tuple[float, float, float]) -> bool:
+    return (
+        len(up) == 3
+        and all(isinstance(number, Real) for number in up)
+        and 1e-6 < sum(number * number for number in up) < inf
+    )
 
 
 def _typical_camera() -> Camera:
@@ -57,16 +68,15 @@ class ViewpointSettings:
     max_thickness: float = 0.45
 
     def __post_init__(self) -> None:
-        if min(self.most, self.seeds) < 1 or self.grown < 0:
-            raise SettingsError("viewpoints need most and seeds >= 1, and grown >= 0")
-        if not (0 < self.spacing < inf and 0 < self.clearance < inf and 0 < self.yaw_step <= 90):
-            raise SettingsError(
-                "viewpoints need a positive spacing and clearance, and a yaw_step in (0, 90]"
-            )
-        if not (0 <= self.margin < inf and -90 < self.pitch_down < 90):
-            raise SettingsError("viewpoints need margin >= 0, and a pitch_down between -90 and 90")
-        if not (0 <= self.min_covered <= 1 and self.max_thickness > 0):
-            raise SettingsError("min_covered is a share in [0, 1], max_thickness is positive")
+        check_kinds(self, camera=Camera, up=(tuple, NoneType))
+        check_whole(self, "most", "seeds", least=1)
+        check_whole(self, "grown", least=0)
+        check_numbers(self, "spacing", "clearance", above=0)
+        check_numbers(self, "max_thickness", above=0, infinite=True)
+        check_numbers(self, "margin", least=0)
+        check_numbers(self, "yaw_step", above=0, most=90)
+        check_numbers(self, "pitch_down", above=-90, below=90)
+        check_shares(self, "min_covered")
         if min(self.camera.width, self.camera.height) < _LEAST_SIDE:
             raise SettingsError(
                 f"views of {self.camera.width}x{self.camera.height} pixels are too small to "
@@ -74,7 +84,5 @@ class ViewpointSettings:
             )
         if not self.camera.is_pinhole:
             raise SettingsError("views are rendered: their camera must be a pinhole")
-        if self.up is not None and not (
-            len(self.up) == 3 and 1e-6 < sum(x * x for x in self.up) < inf
-        ):
+        if self.up is not None and not _is_direction(self.up):
             raise SettingsError(f"up must be a direction of three numbers, not {self.up}")

@@ -199,5 +199,9 @@ def test_it_can_also_render(localizer: Localizer) -> None:
 
 
 def test_impossible_settings() -> None:
-    with pytest.raises(SettingsError, match="at least one place"):
+    with pytest.raises(SettingsError, match="hypotheses must be"):
         LocalizerSettings(hypotheses=0)
+    with pytest.raises(SettingsError, match="retrieved is 2, hypotheses 3"):
+        LocalizerSettings(hypotheses=3, retrieved=2)
+    with pytest.raises(SettingsError, match="EXIF orientations, 1 to 8"):
+        LocalizerSettings(orientations=(9,))

@@ -119,5 +119,5 @@ def test_other_places_hardly_match() -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, -1.0, 1.1])
 def test_impossible_ratios(ratio: float) -> None:
-    with pytest.raises(SettingsError, match="ratio must lie in"):
+    with pytest.raises(SettingsError, match="ratio must be"):
         SiftMatcherSettings(ratio=ratio)

@@ -365,8 +365,8 @@ def test_the_json_file_beside(tmp_path: Path) -> None:
         ('{"centre": 0}', "must be an object with some of"),
         ('{"top_left_pixel_centre": 1}', "must be 0 or 0.5, not 1"),
         ('{"top_left_pixel_centre": "0.5"}', "must be 0 or 0.5"),
-        ('{"multiple_of": 0}', "must be 1 or more"),
-        ('{"multiple_of": 8.0}', "must be 1 or more"),
+        ('{"multiple_of": 0}', "must be a whole number, 1 or more"),
+        ('{"multiple_of": 8.0}', "must be a whole number, 1 or more"),
         ('{"polish": "no"}', "polish must be true or false"),
     ],
 )
@@ -381,7 +381,7 @@ def test_a_json_file_that_cannot_be_used(text: str, message: str, tmp_path: Path
 def test_impossible_settings() -> None:
     with pytest.raises(SettingsError, match=r"must be 0 or 0\.5, not 0\.25"):
         OnnxMatcherSettings(top_left_pixel_centre=0.25)
-    with pytest.raises(SettingsError, match="must be 1 or more"):
+    with pytest.raises(SettingsError, match="must be a whole number, 1 or more"):
         OnnxMatcherSettings(multiple_of=-1)
 
 

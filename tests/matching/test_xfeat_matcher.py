@@ -175,13 +175,13 @@ def test_mutual_nearest_neighbours(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("wrong", [{"max_features": 0}, {"min_cosine": 1.0}, {"min_cosine": -2.0}])
 def test_impossible_xfeat_settings(wrong: dict[str, float]) -> None:
-    with pytest.raises(SettingsError, match="XFeat needs at least one feature"):
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
         XFeatMatcherSettings(**wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("wrong", [{"max_features": 0}, {"min_score": 1.0}, {"min_score": -0.1}])
 def test_impossible_lighterglue_settings(wrong: dict[str, float]) -> None:
-    with pytest.raises(SettingsError, match="LighterGlue needs at least one feature"):
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
         LighterGlueMatcherSettings(**wrong)  # type: ignore[arg-type]
 
 

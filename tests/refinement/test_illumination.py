@@ -90,5 +90,5 @@ def test_the_alignment_is_better_for_it(light: object) -> None:
 
 
 def test_impossible_settings() -> None:
-    with pytest.raises(SettingsError, match="degree from 1 to 6"):
+    with pytest.raises(SettingsError, match="degree must be a whole number, 1 to 6"):
         IlluminationSettings(degree=0)

@@ -179,5 +179,5 @@ def test_pictures_of_no_place_are_not_trusted(name: str, rng: np.random.Generato
     "settings", [{"levels": -1}, {"min_anchors": 0}, {"min_anchors": 3, "max_anchors": 2}]
 )
 def test_impossible_settings(settings: dict[str, Any]) -> None:
-    with pytest.raises(SettingsError, match="refinement needs"):
+    with pytest.raises(SettingsError, match=next(iter(settings))):
         RefinementSettings(**settings)

@@ -106,7 +106,7 @@ def test_without_faiss_the_remedy_is_logged(
     "wrong", [{"exact_up_to": -1}, {"exact_queries": -1}, {"probes": 0}, {"lists": 0}]
 )
 def test_impossible_settings(wrong: dict[str, int]) -> None:
-    with pytest.raises(SettingsError, match=r"at least one|negative"):
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
         IndexSettings(**wrong)
 
 
