@@ -212,12 +212,9 @@ def solve_focal_length(
         zoom *= float(np.exp(np.clip(step[6], -0.2, 0.2)))
         if np.abs(step).max() < smallest_step:
             break
-    covariance = (
-        pnp.noise_correlation
-        * equations.variance()
-        * covariance_from_information(equations.hessian)
-    )
-    sigma = float(np.sqrt(covariance[6, 6]))
+    assert equations is not None
+    covariance = covariance_from_information(equations.hessian)
+    sigma = float(np.sqrt(pnp.noise_correlation * equations.variance() * covariance[6, 6]))
     inliers = matches.projected(cam_from_world, zoom).within(pnp.inlier_pixels)
     return FocalEstimate(_times(camera, zoom), cam_from_world, zoom, sigma, int(inliers.sum()))
 
