@@ -8,7 +8,7 @@ many are localized, how many of them wrongly or in the map of another place, wha
 two, and the normalized errors (docs/benchmarks.md, Trust).
 
 Usage: .venv/bin/python tools/bench_trust.py PLACES.toml --evidence FILE.jsonl [--right N]
-           [--estimated N] [--foreign N] [--half odd|even]
+           [--estimated N] [--foreign N] [--half odd|even] [--jobs N] [--minutes M]
 
 PLACES.toml has a table for each place; paths are with respect to the file:
 
@@ -19,18 +19,21 @@ PLACES.toml has a table for each place; paths are with respect to the file:
     queries = "kitchen/queries.txt"  # lines of: name MODEL width height params
     truth = "kitchen/truth.txt"    # only photos with a pose here are tried in their own map
 
-What is in FILE.jsonl already is not measured again, so that a run may be interrupted, and go on
-with more photos: fewer photos are always some of more.
+Every second photo is for choosing settings ("odd"), the others are reported ("even"): --half takes
+one kind alone. What is in FILE.jsonl already is not measured again, so that a run may
+be interrupted, and go on with more photos: fewer photos are always some of more.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
+import os
 import sys
-import threading
+import time
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -48,6 +51,8 @@ from gscpe.localization.verification import focal_contradiction, inlier_spread, 
 from gscpe.poses import read_pose_file
 from gscpe.scene.query_list import Query, read_query_list
 
+HALVES = ("even", "odd")
+"""Reported, and for choosing settings."""
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -71,7 +76,7 @@ class Job:
         photos: the place that the photo shows.
         query: the photo.
         camera: "given", or "estimated" from the photo alone.
-        half: "odd" or "even", by the photo's number in its list.
+        half: "odd" or "even", see :func:`halves`.
     """
 
     place: Place
@@ -104,22 +109,43 @@ def spread(count: int, number: int) -> list[int]:
     return sorted(range(count), key=lambda i: (i * _GOLDEN) % 1.0)[:number]
 
 
-def jobs_of(places: Sequence[Place], right: int, estimated: int, foreign: int) -> list[Job]:
+def jobs_of(
+    places: Sequence[Place], right: int, estimated: int, foreign: int, half: str | None = None
+) -> list[Job]:
     """Those of the maps in turns, so that an interrupted run has seen something of each."""
     by_map: list[list[Job]] = []
     for place in places:
         if place.map is None:
             continue
-        queues: list[list[Job]] = []
-        own = [i for i, query in enumerate(place.queries) if query.name in place.truth]
-        for number, camera in ((right, "given"), (estimated, "estimated")):
-            queues.append([job(place, place, own[i], camera) for i in spread(len(own), number)])
+        own = [i for i in of_half(place, half) if place.queries[i].name in place.truth]
+        queues = [
+            [job(place, place, own[i], camera) for i in spread(len(own), number)]
+            for number, camera in ((right, "given"), (estimated, "estimated"))
+        ]
         for other in places:
             if other is not place:
-                chosen = spread(len(other.queries), foreign)
-                queues.append([job(place, other, i, "given") for i in chosen])
+                theirs = of_half(other, half)
+                chosen = spread(len(theirs), foreign)
+                queues.append([job(place, other, theirs[i], "given") for i in chosen])
         by_map.append(in_turns(queues))
     return in_turns(by_map)
+
+
+def halves(place: Place) -> list[str]:
+    """Of each photo, by its number among those with a true pose, or among the others: where a map
+    leaves out every eighth photo, their numbers in the list are all of one kind."""
+    counts = {True: 0, False: 0}
+    found = []
+    for query in place.queries:
+        known = query.name in place.truth
+        found.append(HALVES[counts[known] % 2])
+        counts[known] += 1
+    return found
+
+
+def of_half(place: Place, half: str | None) -> list[int]:
+    """Numbers of the place's photos of this half, or of all."""
+    return [i for i, its in enumerate(halves(place)) if half in (None, its)]
 
 
 def in_turns(queues: Sequence[Sequence[Job]]) -> list[Job]:
@@ -128,7 +154,7 @@ def in_turns(queues: Sequence[Sequence[Job]]) -> list[Job]:
 
 
 def job(place: Place, photos: Place, index: int, camera: str) -> Job:
-    return Job(place, photos, photos.queries[index], camera, ("even", "odd")[index % 2])
+    return Job(place, photos, photos.queries[index], camera, halves(photos)[index])
 
 
 def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]:
@@ -146,37 +172,81 @@ def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]
 
 
 class Bench:
-    """Measures photos, some at a time, with a localizer for each map; adds a line for each to a
-    file."""
+    """Measures photos with a localizer for each map."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._localizers: dict[str, Localizer] = {}
-        self._lock = threading.Lock()
+    def __init__(self) -> None:
+        self._localizers: dict[Path, Localizer] = {}
 
-    def localizer_of(self, place: Place) -> Localizer:
-        with self._lock:
-            if place.name not in self._localizers:
-                assert place.map is not None
-                self._localizers[place.name] = Localizer(open_map(place.map))
-            return self._localizers[place.name]
+    def line(self, each: Job) -> dict[str, Any]:
+        assert each.place.map is not None
+        localizer = self._localizers.get(each.place.map)
+        if localizer is None:
+            localizer = self._localizers[each.place.map] = Localizer(open_map(each.place.map))
+        return measured(localizer, each)
 
-    def measure(self, jobs: Sequence[Job], threads: int) -> None:
-        pool = ThreadPoolExecutor(threads)
-        try:
-            work = pool.map(self._line, jobs)
-            with self._path.open("a") as output:
-                output.write(_newline_if_cut_off(self._path))
-                for line in progress(work, "localize", len(jobs)):
-                    output.write(json.dumps(line) + "\n")
-                    output.flush()
-        finally:
-            pool.shutdown(cancel_futures=True)
-            for localizer in self._localizers.values():
-                localizer.close()
+    def close(self) -> None:
+        for localizer in self._localizers.values():
+            localizer.close()
 
-    def _line(self, each: Job) -> dict[str, Any]:
-        return measured(self.localizer_of(each.place), each)
+
+_bench: Bench | None = None
+"""Of a process that a run with ``--jobs`` has started."""
+
+
+def _begin() -> None:
+    global _bench
+    _bench = Bench()
+
+
+def _line(each: Job) -> dict[str, Any]:
+    assert _bench is not None
+    return _bench.line(each)
+
+
+def measure(path: Path, jobs: Sequence[Job], processes: int, minutes: float) -> None:
+    """Adds a line for each to a file as soon as it is measured; begins none after so long."""
+    if not jobs:
+        return
+    path.touch()
+    with path.open("a") as output:
+        output.write(_newline_if_cut_off(path))
+        work = _beside(jobs, processes, minutes) if processes > 1 else _here(jobs, minutes)
+        for line in progress(work, "localize", len(jobs)):
+            output.write(json.dumps(line) + "\n")
+            output.flush()
+
+
+def _here(jobs: Sequence[Job], minutes: float) -> Iterator[dict[str, Any]]:
+    bench, end = Bench(), time.monotonic() + 60.0 * minutes
+    try:
+        for each in jobs:
+            if time.monotonic() > end:
+                return
+            yield bench.line(each)
+    finally:
+        bench.close()
+
+
+def _beside(jobs: Sequence[Job], processes: int, minutes: float) -> Iterator[dict[str, Any]]:
+    """In so many processes of one thread each, in the order in which they are done."""
+    for library in ("GSCPE", "OMP", "OPENBLAS"):
+        os.environ[f"{library}_NUM_THREADS" if library != "GSCPE" else "GSCPE_THREADS"] = "1"
+    context = multiprocessing.get_context("spawn")
+    end = time.monotonic() + 60.0 * minutes
+    waiting = iter(jobs)
+    with ProcessPoolExecutor(processes, context, _begin) as pool:
+        running: set[Future[dict[str, Any]]] = set()
+        while True:
+            while len(running) < 2 * processes and time.monotonic() < end:
+                each = next(waiting, None)
+                if each is None:
+                    break
+                running.add(pool.submit(_line, each))
+            if not running:
+                return
+            done = next(as_completed(running))
+            running.remove(done)
+            yield done.result()
 
 
 def _newline_if_cut_off(path: Path) -> str:
@@ -282,18 +352,23 @@ def main() -> int:
     parser.add_argument("--right", type=int, default=100, help="photos a map, of its own place")
     parser.add_argument("--estimated", type=int, default=25, help="... with estimated cameras")
     parser.add_argument("--foreign", type=int, default=34, help="photos a map and other place")
-    parser.add_argument("--threads", type=int, default=1, help="photos at a time")
-    parser.add_argument("--half", choices=("odd", "even"), help="report this half alone")
+    parser.add_argument("--jobs", type=int, default=1, help="processes, of one thread each")
+    parser.add_argument(
+        "--minutes", type=float, default=np.inf, help="begin no photo after so many"
+    )
+    parser.add_argument("--half", choices=sorted(HALVES), help="this half alone")
     parser.add_argument("--report-only", action="store_true", help="measure nothing")
     options = parser.parse_args()
     places = read_places(options.places)
-    jobs = jobs_of(places, options.right, options.estimated, options.foreign)
+    jobs = jobs_of(places, options.right, options.estimated, options.foreign, options.half)
     known = read_evidence(options.evidence)
     missing = [each for each in jobs if each.key not in known]
     if missing and not options.report_only:
-        Bench(options.evidence).measure(missing, options.threads)
+        measure(options.evidence, missing, options.jobs, options.minutes)
         known = read_evidence(options.evidence)
-    lines = [line for line in wanted(known, jobs) if options.half in (None, line["half"])]
+    lines = list(wanted(known, jobs))
+    if len(lines) < len(jobs):
+        print(f"Not measured yet: {len(jobs) - len(lines)} of {len(jobs)}\n")
     print_report([place.name for place in places if place.map is not None], lines)
     return 0
 

@@ -34,7 +34,7 @@ class PnPSettings(RansacSettings):
 
     noise_pixels: float = 1.0
     cells: int = 10
-    noise_correlation: float = 2.0
+    noise_correlation: float = 1.5
 
     def __post_init__(self) -> None:
         super().__post_init__()

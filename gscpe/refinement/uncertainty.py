@@ -4,17 +4,21 @@
 Where photo and render differ, they differ over whole regions: the map is a little off there, or
 the light has changed. So pixels are not independent, and the covariance of independent ones is
 far too small. The sandwich estimator takes the differences as they are (Huber, "Robust
-Statistics", 1981; with blocks: Liang and Zeger, Biometrika 1986): with ``s_b`` the sum over a
-block of ``w r J``,
+Statistics", 1981):
 
-    C = H^-1 (sum_b s_b s_b^T) H^-1 / c^2,      H = sum w J J^T
+    C = A^-1 B A^-T,    A = sum psi'(r) J J_photo^T,    B = sum_bc k(b, c) s_b s_c^T
 
-where c corrects H, made of weights, for the curvature of the robust loss. What is correlated
-beyond a block, such as a bent map, is not seen in it: C grows with the square root of rho, by
-which the blocks' sums exceed those of independent pixels. And gradients that noise makes are no
-evidence, though H counts them: along stripes they would promise what nothing can tell. But the
-render's noise is not the photo's, so only what the gradients of both share is counted, and only
-where it cannot be chance. Measured on four kinds of scenes: docs/benchmarks.md.
+A is how the sum of ``psi(r) J``, which the alignment makes zero, follows the pose: psi' is the slope
+of the robust loss's influence, and what a residual follows is the photo's own gradient. B is how
+far that sum strays by itself: ``s_b`` is its part in a block of the image, and k falls from 1
+within a block to 0 at some blocks' distance, so that correlation is measured in the very photo
+as far as that (Newey and West, Econometrica 1987; in space: Conley, J. Econometrics 1999). As the
+sum is zero, B misses as much of it as the kernel covers of the image, and is made larger by that.
+What is correlated farther, such as a bent map, cannot be told from a pose that is a little off.
+
+Gradients that noise makes are no evidence: along stripes they would promise what nothing can
+tell. But the render's noise is not the photo's, so only what the gradients of both share is
+counted, and only where it cannot be chance. Measured on several scenes: docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -44,10 +48,13 @@ from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
 from gscpe.refinement.sampling import gradient
 
-_LEAST_CURVATURE = 0.1
-"""Where most residuals are beyond the kernel's bend, the curvature says nothing."""
-_LEAST_KEPT = 1e-6
+_LEAST_SLOPE = 0.1
+"""Of the influence, as a share of the weight: where most residuals are beyond the bend of the loss,
+it says nothing."""
+_LEAST_KEPT = 1e-3
 """Share of the information of a direction, so that what is all noise keeps a finite variance."""
+_LEAST_SEEN = 0.25
+"""Share of B that is not missed, at least: a few blocks of a photo that is mostly covered."""
 
 _GRAIN = 4
 """Pixels, across which the noise of a photo (demosaicked, compressed) or of a render may hang
@@ -83,9 +90,10 @@ class UncertaintySettings:
 
     Attributes:
         blocks: a block is the photo's width divided by this.
+        reach: blocks' distance, along rows and columns, at which nothing is correlated any more.
         shrinkage: there are few blocks beside the 36 numbers that they determine, so this
-            share of them is replaced by their mean, the shape being that of H.
-        factor: the covariance is multiplied by it (calibrated, docs/benchmarks.md).
+            share of them is replaced by their mean, the shape being that of independent pixels.
+        factor: the covariance is multiplied by it; 1 as long as the reach is far enough.
         enough_shared: share of a direction's gradient information that both images must have in
             common, so that matches can determine this direction too; below half of it they cannot
             at all.
@@ -97,8 +105,9 @@ class UncertaintySettings:
     """
 
     blocks: int = 10
-    shrinkage: float = 0.5
-    factor: float = 2.5
+    reach: float = 3.0
+    shrinkage: float = 0.2
+    factor: float = 1.4
     enough_shared: float = 0.3
     least_pixels: float = 0.004
 
@@ -108,6 +117,7 @@ class UncertaintySettings:
         check_numbers(self, "factor", above=0)
         check_numbers(self, "enough_shared", above=0, most=1)
         check_numbers(self, "least_pixels", least=0)
+        check_numbers(self, "reach", least=1)
 
 
 def pose_uncertainty(
@@ -127,47 +137,44 @@ def pose_uncertainty(
     residuals, usable = residuals_of(
         template, photo, alignment.photo_from_anchor, alignment.gain, alignment.bias
     )
-    weights, curvatures = usable.astype(np.float32), usable.astype(np.float32)
+    weights, slopes = usable.astype(np.float32), usable.astype(np.float32)
     if solver.robust:
         weights *= tukey_weights(residuals, alignment.residual)
-        curvatures *= tukey_curvature(residuals, alignment.residual)
+        slopes *= tukey_curvature(residuals, alignment.residual)
     unknowns = 8 if solver.gain_and_bias else 6
     light = np.stack([template.intensities, np.ones_like(residuals)])
     gain = np.float32(alignment.gain)
     design = np.concatenate([gain * template.jacobian.T, light])[:unknowns]
-    hessian = weighted_squares(design, weights)
-    inverse = covariance_from_information(hessian)
-    pulls = weights * residuals
-    blocks = blocks_of(template, photo.camera, settings.blocks)
-    sums = sums_by_label(blocks, design * pulls)
-    between, within = sums @ sums.T, weighted_squares(design, pulls * pulls)
-
-    # Eight-bit photos are not better known than that, however well the render fits.
-    least = solver.min_noise**2
-    mean = max(float(np.trace(inverse @ between)) / unknowns, least)
-    rho = max(mean / max(float(np.trace(inverse @ within)) / unknowns, least), 1.0)
-    curved = weighted_squares(design, curvatures)
-    curvature = max(float(np.trace(inverse @ curved)) / unknowns, _LEAST_CURVATURE)
-    middle = (1.0 - settings.shrinkage) * between + settings.shrinkage * mean * hessian
-    factor = settings.factor * np.sqrt(rho) / curvature**2
-    root = np.asarray(np.linalg.cholesky(inverse), dtype=np.float64)
     seen = design.copy()
     seen[:6] = _photo_jacobian(template, photo, alignment)
+    hessian = weighted_squares(design, weights)
+    inverse = covariance_from_information(hessian)
+    root = np.asarray(np.linalg.cholesky(inverse), dtype=np.float64)
+
+    blocks = blocks_of(template, photo.camera, settings.blocks)
+    rows = np.concatenate([design * (weights * residuals), weights[None]])
+    strayed = root.T @ _between_blocks(sums_by_label(blocks, rows), settings) @ root
+    # Eight-bit photos are not better known than that, however well the render fits.
+    mean = max(float(np.trace(strayed)) / unknowns, solver.min_noise**2)
+    middle = (1.0 - settings.shrinkage) * strayed + settings.shrinkage * mean * np.eye(unknowns)
+
     grains = blocks_of(template, photo.camera, max(1, photo.camera.width // _GRAIN))
-    kept, axes = _shared_information(design, seen, weights, root, grains)
-    whole = factor * (root.T @ middle @ root)
+    shared = _shared_information(design, seen, weights, slopes, root, grains)
+    axes, kept = shared.axes, shared.kept
+    middle = settings.factor * (axes.T @ middle @ axes)
     to_photo = se3.adjoint(alignment.photo_from_anchor)
 
     def of_pose(scales: Float64Array) -> Float64Array:
-        half = root @ (axes * scales) @ axes.T
-        of_anchor = (half @ whole @ half.T)[:6, :6]
+        """Of what moves along each axis by so much more than the slopes say."""
+        half = root @ (axes * scales) @ shared.inverse_slope * np.sqrt(1.0 / kept)
+        of_anchor = (half @ middle @ half.T)[:6, :6]
         return np.asarray(to_photo @ of_anchor @ to_photo.T)
 
     floor = settings.least_pixels**2 * covariance_from_information(template.motion)
-    covariance = of_pose(1.0 / np.sqrt(kept)) + to_photo @ floor @ to_photo.T
+    covariance = of_pose(np.sqrt(1.0 / kept)) + to_photo @ floor @ to_photo.T
     # All of it where hardly anything is shared, nothing where enough is.
     blind = np.clip(2.0 - kept / (0.5 * settings.enough_shared), 0.0, 1.0)
-    unshared = of_pose(np.sqrt(blind * (1.0 / kept - 1.0)))
+    unshared = of_pose(np.sqrt(blind / kept))
     # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
     # A principal point that is off moves all points alike, as if by their depth.
     by_camera = np.ascontiguousarray(gain * template.jacobian[:, :3].T * template.points[2])
@@ -179,28 +186,60 @@ def pose_uncertainty(
     )
 
 
+def _between_blocks(sums: Float64Array, settings: UncertaintySettings) -> Float64Array:
+    """B, (U, U), of the blocks' sums, (U + 1, blocks); the last row is of the weights."""
+    row, column = np.divmod(np.arange(sums.shape[1]), settings.blocks)
+    kernel = np.ones((len(row), len(row)))
+    for place in (row, column):
+        kernel *= np.maximum(1.0 - np.abs(place[:, None] - place) / settings.reach, 0.0)
+    pulls, weights = sums[:-1], sums[-1] / max(float(sums[-1].sum()), 1e-12)
+    missed = float(weights @ kernel @ weights)
+    return np.asarray(pulls @ kernel @ pulls.T / max(1.0 - missed, _LEAST_SEEN))
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """What the gradients of both images share.
+
+    Attributes:
+        axes: (U, U), its columns are orthogonal axes of the whitened unknowns.
+        kept: (U,) share of the information that both have along them, of that of the template.
+        inverse_slope: (U, U) inverse of A along the axes, were all of it shared.
+    """
+
+    axes: Float64Array
+    kept: Float64Array
+    inverse_slope: Float64Array
+
+
 def _shared_information(
     design: Float32Array,
     seen: Float32Array,
     weights: Float32Array,
+    slopes: Float32Array,
     root: Float64Array,
     grains: IntArray,
-) -> tuple[Float64Array, Float64Array]:
-    """The share of the information that the gradients of both images have in common, (U,), along
-    orthogonal axes of the whitened unknowns, the columns of (U, U).
-
-    Noise that the images do not share adds to a sum of products as much as it takes away, give or
-    take the root of the sum of the squares; a share that may be that is none.
+) -> _Shared:
+    """Noise that the images do not share adds to a sum of products as much as it takes away, give
+    or take the root of the sum of the squares; a share that may be that is none.
     """
     shared = root.T @ _symmetric(inner_products(seen * weights, design)) @ root
     axes = np.asarray(np.linalg.eigh(shared)[1])
     whitened = (root @ axes).T.astype(np.float32)
-    products = weights * combined(whitened, design) * combined(whitened, seen)
-    sums = sums_by_label(grains, products)
+    design, seen = combined(whitened, design), combined(whitened, seen)
+    sums = sums_by_label(grains, weights * design * seen)
     chance = _SIGNIFICANT * np.sqrt(np.sum(sums**2, axis=1))
     share = sums.sum(axis=1)
     kept = np.sqrt(np.maximum(share**2 - chance**2, 0.0)) * (share > 0)
-    return np.clip(kept, _LEAST_KEPT, 1.0), axes
+    kept = np.clip(kept, _LEAST_KEPT, 1.0)
+    # Where nothing is shared, slopes are of noise and say nothing.
+    known = kept > _LEAST_KEPT
+    size = np.sqrt(np.where(known, share, 1.0))
+    slope = _symmetric(inner_products(design * slopes, seen)) / np.outer(size, size)
+    slope = np.where(np.outer(known, known), slope, np.eye(len(known)))
+    values, vectors = np.linalg.eigh(slope)
+    inverse = (vectors / np.maximum(values, _LEAST_SLOPE)) @ vectors.T
+    return _Shared(axes, kept, np.asarray(inverse))
 
 
 def _symmetric(matrix: Float64Array) -> Float64Array:

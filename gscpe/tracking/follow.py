@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 from gscpe.localization.verification import worst_sigmas
-from gscpe.refinement import Alignment, LucasKanadeSettings
+from gscpe.refinement import Alignment
 from gscpe.refinement.agreement import BlockAgreement, block_agreement
 from gscpe.refinement.levels import TurnedStarts, align_levels
 from gscpe.refinement.uncertainty import pose_uncertainty
@@ -134,14 +134,8 @@ def covariance_of(
         all_pixels: of the template, not the few by which frames are judged.
     """
     judged = followed.anchor.template if all_pixels else followed.anchor.judged
-    # The covariance grows with the root of rho, which is measured against what independent pixels
-    # would give: with fewer of them, the same errors look less correlated.
-    fewer = np.sqrt(LucasKanadeSettings().max_template_pixels / len(judged.intensities))
-    settings_of_few = replace(
-        settings.uncertainty, factor=settings.uncertainty.factor * max(1.0, float(fewer))
-    )
     uncertainty = pose_uncertainty(
-        *(judged, frame.levels[0], followed.alignment, settings.solver, settings_of_few)
+        *(judged, frame.levels[0], followed.alignment, settings.solver, settings.uncertainty)
     )
     by_focal = frame.camera.focal_sigma * uncertainty.by_log_focal
     by_principal = frame.camera.principal_sigma * uncertainty.by_principal

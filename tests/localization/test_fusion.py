@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment, fuse_poses
 
@@ -82,7 +83,24 @@ def test_matches_count_less(rng: np.random.Generator) -> None:
     whole = se3.log(aligned @ se3.inverse(matched))
     share = 4.0 / (1.0 + 4.0)
     np.testing.assert_allclose(se3.log(pose @ se3.inverse(matched)), share * whole, rtol=1e-6)
-    np.testing.assert_allclose(found, share * covariance, rtol=1e-6)
+    # Weights 1/5 and 4/5 of estimates whose errors are correlated by 0.6.
+    expected = (1.0 + 16.0 + 2.0 * 4.0 * 0.6) / 25.0
+    np.testing.assert_allclose(found, expected * covariance, rtol=1e-6)
+
+
+@given(seeds)
+def test_estimates_that_share_all_errors_are_no_better_together(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, covariance = random_pose(rng), random_covariance(rng)
+    for factor in (0.5, 1.0, 3.0):
+        _, found = fuse_poses(a, covariance, a, covariance, factor, correlation=1.0)
+        np.testing.assert_allclose(found, covariance, rtol=1e-5, atol=1e-5 * covariance.max())
+
+
+def test_a_correlation_is_one() -> None:
+    for wrong in (-0.1, 1.1, float("nan")):
+        with pytest.raises(SettingsError, match="correlation"):
+            FusionSettings(correlation=wrong)
 
 
 def test_the_mean_of_two_that_share_errors_is_as_sure_as_it_says(rng: np.random.Generator) -> None:

@@ -151,7 +151,7 @@ def test_heavy_tailed_noise(degrees_of_freedom: int, least: float) -> None:
     With one, where hardly a gradient is shared beyond chance, it is careful (2.3)."""
     rng = np.random.default_rng(1)
     photos = (GREY + 0.02 * rng.standard_t(degrees_of_freedom, size=GREY.shape) for _ in range(60))
-    assert least < nees(photos, UncertaintySettings(factor=1.0, least_pixels=0.0)) < 7.4
+    assert least < nees(photos, UncertaintySettings(least_pixels=0.0)) < 7.4
 
 
 def test_it_is_of_a_step_on_the_photos_side(rng: np.random.Generator) -> None:
