@@ -82,7 +82,7 @@ def fit_exposure(
         return np.asarray(means, np.float32)
 
     def share_above(image: Float32Array | UInt8Array, limit: float) -> Float32Array:
-        return of_blocks(np.asarray(cv2.compare(image, limit, cv2.CMP_GT), np.uint8)) / 255.0
+        return of_blocks(np.uint8(255) * (image > limit).view(np.uint8)) / np.float32(255.0)
 
     rendered, seen = of_blocks(render), of_blocks(photo.astype(np.float32)) / np.float32(255.0)
     whole = of_blocks(shown.astype(np.float32))[..., None] > 0.9
