@@ -33,7 +33,7 @@ import cv2
 import numpy as np
 from _common import Case, progress, redkitchen, table
 from changed_photos import CHANGES
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gscpe import Localizer, open_map, read_image
@@ -199,16 +199,15 @@ def main() -> int:
     options = parser.parse_args()
     if min(options.queries, options.jobs) < 1:
         parser.error("--queries and --jobs must be at least 1")
-    if options.images is None:
+    images, listed, truth = options.images, options.list, options.truth
+    if images is None:
         data = redkitchen()
-        folder = data / ("references" if options.left_out else "queries")
-        images, listed, truth = str(folder), str(data / "queries.txt"), str(data / "truth.txt")
-    elif options.left_out or (options.list and options.truth):
-        images, listed, truth = options.images, options.list, options.truth
-    else:
+        images = str(data / ("references" if options.left_out else "queries"))
+        listed, truth = str(data / "queries.txt"), str(data / "truth.txt")
+    elif not (options.left_out or (listed and truth)):
         parser.error("--images needs --list and --truth, or --left-out")
     if options.left_out:
-        listed = truth = None
+        listed, truth = None, None
     changes = [
         name for name in CHANGES if not options.only or any(word in name for word in options.only)
     ]
@@ -282,8 +281,9 @@ def _row(change: str, its: Sequence[Found], base: Sequence[Found]) -> list[str]:
     ]
 
 
-def _median(values: ArrayLike) -> float:
-    return float(np.nanmedian(values)) if np.any(np.isfinite(values)) else float("nan")
+def _median(values: Sequence[float] | NDArray[np.float64]) -> float:
+    known = np.asarray(values)[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 if __name__ == "__main__":

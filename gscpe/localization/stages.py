@@ -118,7 +118,7 @@ class Stages:
     def _doubt(
         self, query: PreparedPhoto, coarse: CoarseResult, aligned: RefinementResult
     ) -> str | None:
-        verification = self.settings.verification
-        return doubt_about_coarse(coarse, query.photo.camera, verification) or doubt_about_aligned(
-            coarse, aligned, verification, self.settings.fusion, self.frame
+        verification, camera = self.settings.verification, query.photo.camera
+        return doubt_about_coarse(coarse, camera, verification) or doubt_about_aligned(
+            coarse, aligned, camera, verification, self.settings.fusion, self.frame
         )

@@ -27,6 +27,12 @@ class VerificationSettings:
         min_inlier_share: ... as a share of all matches.
         min_spread: share of a 4x4 grid over the photo that holds an inlier.
         min_agreement: local correlation of photo and render, at half size.
+        decisive_inliers: matches that agree, from which on photo and render need to be alike only
+            in part, because half of the photo shows what has been moved or come since, ...
+        decisive_inlier_share: ... as a share of all matches, ...
+        decisive_spread: ... and the share of the grid that they hold: more than that of a photo
+            whose halves were exchanged.
+        decisive_agreement: what ``min_agreement`` is then.
         min_tracking_agreement: the same for a pose from an alignment alone, without matches.
         sure_agreement: below it, further starts are tried too, and the best is kept.
         min_overlap: share of the photo that shows the map.
@@ -47,6 +53,10 @@ class VerificationSettings:
     min_inlier_share: float = 0.5
     min_spread: float = 0.2
     min_agreement: float = 0.25
+    decisive_inliers: int = 200
+    decisive_inlier_share: float = 0.55
+    decisive_spread: float = 0.55
+    decisive_agreement: float = 0.1
     min_tracking_agreement: float = 0.5
     sure_agreement: float = 0.6
     min_overlap: float = 0.2
@@ -101,6 +111,15 @@ def doubt_about_coarse(
             f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} needed)"
         )
     return _doubt_about_focal_length(coarse, camera, settings)
+
+
+def are_decisive(coarse: CoarseResult, camera: Camera, settings: VerificationSettings) -> bool:
+    """Whether so many matches agree, from all over the photo, that it shows this place."""
+    return (
+        coarse.inliers >= settings.decisive_inliers
+        and coarse.inliers >= settings.decisive_inlier_share * coarse.matches
+        and inlier_spread(coarse.inlier_pixels, camera) >= settings.decisive_spread
+    )
 
 
 def focal_contradiction(coarse: CoarseResult, camera: Camera) -> float:
@@ -172,6 +191,7 @@ def compare_stages(
 def doubt_about_aligned(
     coarse: CoarseResult,
     aligned: RefinementResult,
+    camera: Camera,
     settings: VerificationSettings,
     fusion: FusionSettings,
     frame: MapFrame,
@@ -179,7 +199,9 @@ def doubt_about_aligned(
     """Why the aligned pose cannot be trusted, or None."""
     if aligned.cam_from_world is None or aligned.covariance is None:
         return aligned.reason or "the refinement failed"
-    doubt = _doubt_about_picture(aligned, settings.min_agreement, settings)
+    decisive = are_decisive(coarse, camera, settings)
+    least = settings.decisive_agreement if decisive else settings.min_agreement
+    doubt = _doubt_about_picture(aligned, least, settings)
     if doubt is not None:
         return doubt
     found = compare_stages(coarse, aligned, settings, fusion)

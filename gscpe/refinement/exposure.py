@@ -76,12 +76,16 @@ def fit_exposure(
     """
     size = max(1, shown.shape[1] // _BLOCK), max(1, shown.shape[0] // _BLOCK)
 
-    def of_blocks(image: Float32Array | UInt8Array | BoolArray) -> Float32Array:
-        means = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    def of_blocks(image: Float32Array | UInt8Array) -> Float32Array:
+        means = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         return np.asarray(means, np.float32)
 
-    rendered, seen = of_blocks(render), of_blocks(photo) / np.float32(255.0)
-    whole, clipped = of_blocks(shown)[..., None] > 0.9, of_blocks(photo >= settings.value)
+    def share_above(image: Float32Array | UInt8Array, limit: float) -> Float32Array:
+        return of_blocks(np.uint8(255) * (image > limit).view(np.uint8)) / np.float32(255.0)
+
+    rendered, seen = of_blocks(render), of_blocks(photo.astype(np.float32)) / np.float32(255.0)
+    whole = of_blocks(shown.astype(np.float32))[..., None] > 0.9
+    clipped = share_above(photo, settings.value - 0.5)
     # The mean of a block that is clipped in part follows neither line.
     usable = whole & ((clipped < 0.02) | (clipped > 0.98))
     if np.count_nonzero(usable) < _ENOUGH:
@@ -91,8 +95,10 @@ def fit_exposure(
     # Among blocks that are nearly white in the map, those that happen to be darker in the photo are
     # less often clipped: the gain is too small. So blocks are chosen again, by the render alone.
     for _ in range(_CHOICES):
-        usable = whole & (of_blocks(gain * render + bias > _SURELY_DARKER) < 0.02)
-        if gain <= 0 or np.count_nonzero(usable) < _ENOUGH:
+        if gain <= 0:
+            break
+        usable = whole & (share_above(render, (_SURELY_DARKER - bias) / gain) < 0.02)
+        if np.count_nonzero(usable) < _ENOUGH:
             break
         _, gain, bias = _fit(rendered[usable], seen[usable], gain, bias)
     return (gain, bias) if gain > 0 else None

@@ -80,7 +80,7 @@ def test_renders_are_exposed_like_an_overexposed_photo() -> None:
 def test_edges_of_what_is_clipped_are_matched_where_they_are() -> None:
     """A blurred edge that is clipped half way up seems to lie beside where it is."""
     view = RayCastRenderer(room()).render(CAMERA, TRUTH)
-    view = replace(view, rgb=cv2.GaussianBlur(view.rgb, (0, 0), 1.5))
+    view = replace(view, rgb=np.asarray(cv2.GaussianBlur(view.rgb, (0, 0), 1.5), np.float32))
     image = Photo(np.rint(255 * np.clip(2.2 * view.rgb, 0, 1)).astype(np.uint8), CAMERA)
     matcher = SiftMatcher()
     prepared = matcher.prepare(image.rgb, None)

@@ -63,7 +63,7 @@ def coarse_doubt(**changes: Any) -> str | None:
 
 
 def aligned_doubt(**changes: Any) -> str | None:
-    return doubt_about_aligned(COARSE, replace(ALIGNED, **changes), SETTINGS, FUSION, FRAME)
+    return doubt_about_aligned(COARSE, replace(ALIGNED, **changes), CAMERA, SETTINGS, FUSION, FRAME)
 
 
 def tracked_doubt(**changes: Any) -> str | None:
@@ -134,6 +134,31 @@ def test_metres_per_unit_scales_the_shift(unit: float, units_moved: float, doubt
     assert (aligned_doubt(cam_from_world=moved, tolerance_unit=unit) is not None) == doubted
 
 
+MANY = replace(
+    COARSE, matches=400, inliers=240, inlier_pixels=np.repeat(GRID, 15, axis=0).astype(np.float64)
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "agreement", "doubted"),
+    [
+        ({}, 0.11, False),
+        ({}, 0.09, True),
+        ({"matches": 500}, 0.11, True),
+        ({"matches": 500}, 0.26, False),
+        ({"matches": 300, "inliers": 190}, 0.11, True),
+        ({"inlier_pixels": np.repeat(GRID[:8], 30, axis=0).astype(np.float64)}, 0.11, True),
+    ],
+)
+def test_where_matches_decide_half_of_the_photo_may_have_changed(
+    changes: dict[str, Any], agreement: float, doubted: bool
+) -> None:
+    coarse = replace(MANY, **changes)
+    aligned = replace(ALIGNED, agreement=agreement)
+    doubt = doubt_about_aligned(coarse, aligned, CAMERA, SETTINGS, FUSION, FRAME)
+    assert (doubt is not None and "does not look like" in doubt) == doubted
+
+
 @pytest.mark.parametrize(
     ("sigmas", "unit", "doubted"),
     [
@@ -148,7 +173,8 @@ def test_a_pose_that_is_not_determined_is_doubted(
 ) -> None:
     changes: dict[str, Any] = {"covariance": np.diag(np.square(sigmas)), "tolerance_unit": unit}
     unsure = replace(COARSE, covariance=None)
-    by_both = doubt_about_aligned(unsure, replace(ALIGNED, **changes), SETTINGS, FUSION, FRAME)
+    aligned = replace(ALIGNED, **changes)
+    by_both = doubt_about_aligned(unsure, aligned, CAMERA, SETTINGS, FUSION, FRAME)
     for doubt in (by_both, tracked_doubt(**changes)):
         assert (doubt is not None and "does not determine the pose" in doubt) == doubted
 
@@ -192,10 +218,10 @@ def test_spread_of_pixels_on_the_border() -> None:
 def test_an_alignment_that_determines_nothing_contradicts_nothing() -> None:
     """Then the matches decide, if they are twice as sure as needed."""
     far = se3.exp([0.4, 0, 0, 0, 0, 0])
-    lost = {"cam_from_world": far, "covariance": 4.0 * np.eye(6)}
-    assert aligned_doubt(**lost) is None
+    assert aligned_doubt(cam_from_world=far, covariance=4.0 * np.eye(6)) is None
+    undetermined = replace(ALIGNED, cam_from_world=far, covariance=4.0 * np.eye(6))
     unsure = replace(COARSE, covariance=np.diag([0.03**2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6]))
-    doubt = doubt_about_aligned(unsure, replace(ALIGNED, **lost), SETTINGS, FUSION, FRAME)  # type: ignore[arg-type]
+    doubt = doubt_about_aligned(unsure, undetermined, CAMERA, SETTINGS, FUSION, FRAME)
     assert doubt is not None
     assert "does not determine the pose" in doubt
-    assert doubt_about_aligned(unsure, ALIGNED, SETTINGS, FUSION, FRAME) is None
+    assert doubt_about_aligned(unsure, ALIGNED, CAMERA, SETTINGS, FUSION, FRAME) is None
