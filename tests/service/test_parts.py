@@ -159,6 +159,22 @@ def test_cameras() -> None:
     for wrong in ("{", "{}", '{"model": 1}', "PINHOLE", "[]", "x" * 5000, "PINHOLE 1e9 1 1 1 1 1"):
         with pytest.raises(CameraError):
             forms.parse_camera(wrong)
+    for spoilt in (
+        {"params": "1234"},
+        {"params": {"0": 1}},
+        {"params": [525.5, True, 320, 240]},
+        {"params": [float("nan"), 525.5, 320, 240]},
+        {"params": [1e-9, 525.5, 320, 240]},
+        {"params": [525.5, 525.5, 1e18, 240]},
+        {"width": 640.5},
+        {"width": True},
+        {"width": "640,480"},
+        {"width": 10**400},
+        {"model": {"a": 1}},
+        {"model": "PINHOLE,640"},
+    ):
+        with pytest.raises(CameraError):
+            forms.parse_camera(json.dumps(as_json | spoilt))
 
 
 def test_priors() -> None:
