@@ -4,40 +4,37 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 
 class Connection(H11Protocol):
     """HTTP/1.1 as uvicorn speaks it through h11. uvicorn's ``timeout_keep_alive`` holds for the
-    first request as well, and for one whose head arrives letter by letter; and an answer that is
-    not taken ends the connection after as long a time."""
+    first request as well, and for one whose head arrives letter by letter; and a connection ends
+    that takes nothing of an answer for as long a time."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self._since = self.loop.time()
-        self._unread: Any = None
+        self._idle_since = self.loop.time()
+        self._unsent = 0
         self.loop.call_later(self.timeout_keep_alive, self._look)
 
     def on_response_complete(self) -> None:
-        self._since = self.loop.time()
+        self._idle_since = self.loop.time()
         super().on_response_complete()
 
     def _look(self) -> None:
         """Now and then."""
-        if self.transport.is_closing() or self.transport.get_protocol() is not self:
-            return  # closed, or a WebSocket now
-        cycle = self.cycle
-        begun = cycle is not None and cycle.response_started
+        if self.transport.get_protocol() is not self:
+            return  # it has ended, or is a WebSocket now
+        before, self._unsent = self._unsent, self.transport.get_write_buffer_size()
+        if self._unsent and self._unsent == before:
+            self.transport.abort()  # closing it would wait for the rest to be taken
+            return
         wait = float(self.timeout_keep_alive)
-        if cycle is None or cycle.response_complete:
-            wait = self._since + wait - self.loop.time()
+        if not self._unsent and (self.cycle is None or self.cycle.response_complete):
+            wait = self._idle_since + wait - self.loop.time()
             if wait <= 0:
                 self.transport.close()
                 return
-        elif begun and self._unread is cycle:
-            self.transport.abort()
-            return
-        self._unread = cycle if begun else None
         self.loop.call_later(max(wait, 0.01), self._look)
