@@ -83,7 +83,7 @@ def test_what_the_command_line_refuses(
     map_ = str(room.path / "room.gsmap")
 
     def refused(*arguments: str) -> str:
-        assert main(["serve", *arguments]) == 2
+        assert main(["serve", "--port", "0", *arguments]) == 2
         return capsys.readouterr().err
 
     assert "--token-file" in refused(map_, "--host", "0.0.0.0")

@@ -129,8 +129,9 @@ def test_typed_errors_of_the_client(client: Client, room: RoomFolder, tmp_path: 
         client.localize("room", b"nothing")
     with pytest.raises(CameraError, match="of the form"):
         client.localize("room", photo_of(room), "PINHOLE")
-    with pytest.raises(ServiceError, match="no map of this name"):
-        client.localize("garden", photo_of(room))
+    for name in ("garden", "room?x=", "../maps/room", "a b"):
+        with pytest.raises(ServiceError, match=r"no map of this name|nothing at this address"):
+            client.localize(name, photo_of(room))
     with pytest.raises(PhotoError, match="cannot be read"):
         client.localize("room", tmp_path / "missing.jpg")
     with Client("http://127.0.0.1:9") as nobody, pytest.raises(ServiceError, match="be reached"):
