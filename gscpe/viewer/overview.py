@@ -88,12 +88,12 @@ def overview(
         RenderError, MissingDependencyError: as :class:`gscpe.Renderer`.
     """
     settings = settings or OverviewSettings()
+    begin = opening(contents, map_.scene, backend)
+    focal = settings.height / 2 / math.tan(begin.vertical_angle / 2)
+    cx, cy = settings.width / 2, settings.height / 2
+    camera = Camera(settings.width, settings.height, focal, focal, cx, cy)
+    map_from_cam = se3.from_quaternion_translation(begin.quaternion, begin.position)
     with Renderer(map_.scene, backend) as renderer:
-        begin = opening(contents, renderer, map_.scene)
-        focal = settings.height / 2 / math.tan(begin.vertical_angle / 2)
-        cx, cy = settings.width / 2, settings.height / 2
-        camera = Camera(settings.width, settings.height, focal, focal, cx, cy)
-        map_from_cam = se3.from_quaternion_translation(begin.quaternion, begin.position)
         view = renderer.render(camera, se3.inverse(map_from_cam))
     return draw_contents(view, contents, settings.sigmas, photos or Photos([]))
 

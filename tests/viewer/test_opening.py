@@ -10,7 +10,6 @@ from scenes import ROOM_POSE, furnished_room, room_map, splat_of
 
 from gscpe.geometry import Camera, se3
 from gscpe.geometry.projection import transform_points
-from gscpe.render import Renderer
 from gscpe.scene import GlobalDescriptors, Map, References
 from gscpe.viewer import Findings, contents_of
 from gscpe.viewer.cameras import frustum_corners
@@ -42,8 +41,7 @@ def map_of(poses: list[NDArray[np.float64]]) -> Map:
 def opened(map_: Map, findings: Findings | None = None) -> tuple[NDArray[np.float64], ...]:
     """The eye, where it looks and its up, in the world."""
     contents = contents_of(map_, findings)
-    with Renderer(map_.scene, "cpu") as renderer:
-        begin = opening(contents, renderer, map_.scene)
+    begin = opening(contents, map_.scene, "cpu")
     turn = se3.from_quaternion_translation(begin.quaternion, [0, 0, 0])[:3, :3]
     eye = map_.frame.origin + begin.position / map_.frame.scale
     return eye, turn[:, 2], -turn[:, 1]
