@@ -226,7 +226,7 @@ def _from_splat_and_photos(
 def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int:
     looked_for = ViewpointSettings(up=options.up)
     if options.camera is not None:
-        looked_for = replace(looked_for, camera=Camera.parse(options.camera))
+        looked_for = replace(looked_for, camera=Camera.typed(options.camera))
     scene = read_splat(options.splat)
     found = find_viewpoints(scene, looked_for, options.backend, progress=show_progress())
     map_ = map_with_virtual_references(

@@ -41,7 +41,7 @@ from gscpe.scene.query_list import Query, fit_queries, folder_queries, read_quer
 
 def localize_queries(options: argparse.Namespace) -> int:
     """Writes what is found; the exit status."""
-    camera = None if options.camera is None else Camera.parse(options.camera)
+    camera = None if options.camera is None else Camera.typed(options.camera)
     if not Path(options.images).is_dir():
         raise QueryListError(f"--images {options.images} is not a folder")
     if options.queries is not None:

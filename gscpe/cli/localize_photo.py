@@ -29,7 +29,7 @@ from gscpe.scene import open_map
 
 def localize_photo(options: argparse.Namespace) -> int:
     """Prints what is found; the exit status."""
-    camera = None if options.camera is None else Camera.parse(options.camera)
+    camera = None if options.camera is None else Camera.typed(options.camera)
     prior = _prior(options)
     photo = Path(options.photo)
     check_pictures(options.pictures, photo.parent, [photo.name])

@@ -38,7 +38,7 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    cam_from_world, camera = parse_pose(options.pose), Camera.parse(options.camera)
+    cam_from_world, camera = parse_pose(options.pose), Camera.typed(options.camera)
     if not camera.is_pinhole:
         raise CameraError(
             "only pinhole cameras, without lens distortion, can be rendered: give PINHOLE,..."

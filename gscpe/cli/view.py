@@ -40,7 +40,7 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--screenshot",
         metavar="PNG",
-        help="write a picture from behind and above instead, without a browser",
+        help="write a picture of what the page would show first instead, without a browser",
     )
     add_page(parser)
     add_backend(parser)

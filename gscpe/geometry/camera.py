@@ -35,6 +35,11 @@ _DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1")
 _WIDEST_TANGENT = 1.2  # 50 degrees to a side, of a pinhole that stands in for a fisheye
 
+_LEAST_FOCAL, _MOST_FOCAL = 100.0, 1000.0
+"""Of a photo's longer side: between 3 arc minutes and 179 degrees are seen."""
+_FARTHEST_CENTRE = 100.0
+"""Of the longer side: where the principal point of a detail may lie."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -142,6 +147,32 @@ class Camera:
                 "(for example PINHOLE,640,480,525.5,525.5,320,240)"
             ) from None
         return cls.from_colmap(model, width, height, parameters)
+
+    @classmethod
+    def typed(cls, text: str) -> Camera:
+        """As :meth:`parse`, of what somebody typed: slips are found, with which photos would be
+        looked at for long, and found nowhere.
+
+        Raises:
+            CameraError: the text has another form, or no real camera has such a focal length or
+                principal point.
+        """
+        camera = cls.parse(text)
+        width, height, side = camera.width, camera.height, max(camera.width, camera.height)
+        for name, focal in (("fx", camera.fx), ("fy", camera.fy)):
+            if not side / _LEAST_FOCAL <= focal <= side * _MOST_FOCAL:
+                short = "short" if focal < side else "long"
+                raise CameraError(
+                    f"{name} = {focal:g} is far too {short} for a photo of {width}x{height}; "
+                    "focal lengths are in pixels"
+                )
+        for name, value, extent in (("cx", camera.cx, width), ("cy", camera.cy, height)):
+            if abs(value - extent / 2) > _FARTHEST_CENTRE * side:
+                raise CameraError(
+                    f"{name} = {value:g} is far outside of a photo of {width}x{height}; the "
+                    "principal point is in pixels"
+                )
+        return camera
 
     def colmap_text(self) -> str:
         """``MODEL width height params...`` in COLMAP's words; :meth:`parse` reads it back."""

@@ -45,10 +45,10 @@ def read_camera(text: str) -> Camera:
     """
     model = text.replace(",", " ").split()[:1]
     if model and model[0].upper() in {name for name, _ in MODELS}:
-        return Camera.parse(text)
+        return Camera.typed(text)
     path = Path(text)
     if not path.is_file():
-        return Camera.parse(text)  # which says what is wrong
+        return Camera.typed(text)  # which says what is wrong
     if path.suffix.lower() in (".yaml", ".yml"):
         return _camera_of_yaml(path)
     try:
@@ -62,7 +62,7 @@ def read_camera(text: str) -> Camera:
     if words[0].isdecimal():  # COLMAP's CAMERA_ID
         words = words[1:]
     try:
-        return Camera.parse(" ".join(words))
+        return Camera.typed(" ".join(words))
     except CameraError as error:
         raise CameraError(f"{path}: {error}") from None
 

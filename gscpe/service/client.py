@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 from typing import Any, Mapping
+from urllib.parse import quote
 
 from gscpe import errors
 from gscpe.closing import Closing
@@ -87,7 +88,7 @@ class Client(Closing):
             form["prior"] = format_pose(prior.cam_from_world)
             form["prior_sigma"] = f"{prior.translation_sigma} {prior.rotation_sigma_degrees}"
         files = {"photo": (name, data, "application/octet-stream")}
-        address = "/v1/localize" if map_ is None else f"/v1/maps/{map_}/localize"
+        address = "/v1/localize" if map_ is None else f"/v1/maps/{quote(map_, safe='')}/localize"
         answer: dict[str, Any] = self._ask("POST", address, data=form, files=files)
         return answer
 

@@ -24,7 +24,7 @@ def parse_camera(text: str | None) -> Camera | None:
     where there is no text.
 
     Raises:
-        CameraError: it has another form.
+        CameraError: it has another form, or no camera has such numbers.
     """
     text = (text or "").strip()
     if not text:
@@ -32,20 +32,28 @@ def parse_camera(text: str | None) -> Camera | None:
     if len(text) > _MOST:
         raise CameraError(f"a camera's text has at most {_MOST} letters, not {len(text)}")
     if not text.startswith("{"):
-        return _whole(Camera.parse(one_line(text, _MOST)))
+        return _checked(Camera.typed(one_line(text, _MOST)))
     try:
         data = json.loads(text)
-        model, params = str(data["model"]), [float(x) for x in data["params"]]
-        words = [model.upper(), str(data["width"]), str(data["height"]), *map(repr, params)]
+        model, params = data["model"], data["params"]
+        if not (isinstance(model, str) and isinstance(params, list)):
+            raise TypeError
+        numbers = [_number(each) for each in (data["width"], data["height"], *params)]
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         raise CameraError(
             'a camera as JSON is of the form {"model": "PINHOLE", "width": 640, "height": 480, '
             '"params": [525.5, 525.5, 320, 240]}'
         ) from None
-    return _whole(Camera.parse(" ".join(words)))
+    return _checked(Camera.typed(" ".join([model, *map(repr, numbers)])))
 
 
-def _whole(camera: Camera) -> Camera:
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError
+    return float(value)
+
+
+def _checked(camera: Camera) -> Camera:
     if max(camera.width, camera.height) > 100_000:
         raise CameraError(f"a camera of {camera.width}x{camera.height} pixels is too large")
     return camera

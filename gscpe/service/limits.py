@@ -22,7 +22,9 @@ class Limits:
     Attributes:
         body_bytes: of a request, and of a frame.
         pixels: of a photo: a small file may hold a picture that fills the memory.
-        upload_seconds: that the body may take to arrive.
+        idle_seconds: that a connection may take to send the head of a request, or to take an
+            answer.
+        upload_seconds: that the body may take to arrive, or the next frame of a camera.
         decode_seconds: that a worker may take to decode a photo.
         seconds: for which a worker may give no sign of life after that; it gives one at each step.
         queue: requests at a time that are uploaded, wait or are worked on; more are turned away.
@@ -31,6 +33,7 @@ class Limits:
 
     body_bytes: int = 32_000_000
     pixels: int = 60_000_000
+    idle_seconds: float = 20.0
     upload_seconds: float = 60.0
     decode_seconds: float = 20.0
     seconds: float = 120.0

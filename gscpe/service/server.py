@@ -55,6 +55,7 @@ def make_server(
     import uvicorn
 
     from gscpe.service.app import make_app
+    from gscpe.service.connection import Connection
 
     limits = service.limits
     config = uvicorn.Config(
@@ -64,6 +65,8 @@ def make_server(
         server_header=False,
         proxy_headers=False,
         lifespan="off",
+        http=Connection,
+        timeout_keep_alive=math.ceil(limits.idle_seconds),
         ws="websockets-sansio",
         ws_max_size=limits.body_bytes,
         ws_max_queue=4,

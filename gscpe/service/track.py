@@ -15,6 +15,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.service import access, forms
 from gscpe.service.following import FrameJob, FrameTimes, LatestFrame, TrackerProcess
 from gscpe.service.guard import TOKEN_PENDING, unauthorized
+from gscpe.service.limits import Limits
 from gscpe.service.problem import Problem, ProblemError, problem_of, too_slow
 from gscpe.service.service import Service
 
@@ -89,7 +90,7 @@ async def _follow(service: Service, socket: WebSocket, map_: str, camera: Camera
         await socket.send_json({"status": "ready"})
         receiver = asyncio.create_task(_receive(socket, latest))
         try:
-            while (frame := await latest.take()) is not None:
+            while (frame := await _next_frame(latest, service.limits)) is not None:
                 answer = await process.ask(frame)
                 service.metrics.frame(map_, answer["status"])
                 await socket.send_json(answer | {"frames_lost": latest.lost})
@@ -99,6 +100,16 @@ async def _follow(service: Service, socket: WebSocket, map_: str, camera: Camera
             receiver.result()  # what was wrong with a message
     finally:
         await process.end()
+
+
+async def _next_frame(latest: LatestFrame, limits: Limits) -> FrameJob | None:
+    """None at the end. There are few trackers: nobody keeps one without using it."""
+    try:
+        async with asyncio.timeout(limits.upload_seconds):
+            return await latest.take()
+    except TimeoutError:
+        text = f"no frame came for {limits.upload_seconds:g} s"
+        raise ProblemError(too_slow(text)) from None
 
 
 async def _receive(socket: WebSocket, latest: LatestFrame) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Iterator
+from typing import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -32,16 +32,18 @@ from gscpe.viewer.framing import (
     shown_points,
     upright_rotation,
 )
+from gscpe.viewer.splat import most_visible
 
 _ANGLE = math.radians(50.0)
 """Of the window's height."""
 
+_MOST_GAUSSIANS = 250_000  # more are thinned
 _WINDOW = (160, 100)  # pixels in which candidates are judged
 _PHOTOS = 20  # whose surfaces should be seen, each shrunk to so many pixels:
 _PHOTO_SIDE = 40
 _STANDS = 8  # photos behind which one may stand
 _BACK = (0.25, 0.6)  # how far behind, in typical depths
-_RAISED = 0.3  # of that
+_RAISED = 0.4  # of that
 _PITCH = math.radians(25.0)  # up or down at most
 _AZIMUTHS = 6
 _ELEVATIONS = (math.radians(12.0), math.radians(30.0))
@@ -53,38 +55,43 @@ _NEARBY = 7  # pixels around such a surface that are known as well
 _OF_UNKNOWN = 0.7
 """What a picture loses that shows nothing that photos have seen: floaters, backs of walls."""
 
+_OF_FILLED = 0.3
+"""What a picture wins that is full of what photos have seen: from far away, all is small."""
 _OF_CAMERAS = 0.05
 """What it is worth to have all cameras in the picture, of having all surfaces in it."""
 
 
-def opening(contents: Contents, renderer: Renderer, scene: GaussianScene) -> Viewpoint:
+def opening(contents: Contents, scene: GaussianScene, backend: str = "auto") -> Viewpoint:
     """Where somebody who opens the map looks from, upright.
 
     Args:
         contents: cameras and a trajectory, all of which may be missing; up and typical depth.
-        renderer: of the map.
-        scene: the map's, which is looked at where there are no cameras.
+        scene: the map's.
+        backend: of the renderer.
 
     Raises:
-        RenderError: rendering failed.
+        RenderError, MissingDependencyError: as :class:`gscpe.Renderer`.
     """
     window = _window()
-    surfaces = _Surfaces(contents, renderer)
-    if len(surfaces.points):
-        solid = scene.means[scene.opacities > 0.5]
+    eyes = np.array([camera_centre(each.cam_from_map) for each in _photos(contents)])
+    if not len(eyes):
+        middle = np.quantile(scene.means, (0.05, 0.95), axis=0)
+        corners = np.array(list(itertools.product(*middle.T)))
+        level, up = contents.axes[1:]
+        return _viewpoint(framing_pose(corners, level, _ELEVATIONS[-1], up, window))
+    if len(scene) > _MOST_GAUSSIANS:
+        scene = scene.taken(most_visible(scene, _MOST_GAUSSIANS, eyes))
+    solid = scene.means[scene.opacities > 0.5]
+    with Renderer(scene, backend) as renderer:
+        surfaces = _Surfaces(contents, renderer)
 
         def score(pose: Float64Array) -> float:
             apart = np.linalg.norm(solid - camera_centre(pose).astype(np.float32), axis=1)
             # Renders leave out what is so near, as the wall that one stands in.
-            worth = surfaces.score(renderer.render(window, pose))
-            return worth - bool(np.any(apart < scene.near))
+            inside_of_something = bool(np.any(apart < scene.near))
+            return surfaces.score(renderer.render(window, pose)) - inside_of_something
 
-        pose = max(_candidates(contents, window), key=score)
-    else:
-        middle = np.quantile(scene.means, (0.05, 0.95), axis=0)
-        corners = np.array(list(itertools.product(*middle.T)))
-        pose = framing_pose(corners, contents.axes[1], _ELEVATIONS[-1], contents.up, window)
-    return _viewpoint(pose)
+        return _viewpoint(max(_candidates(contents, window), key=score))
 
 
 def from_afar(contents: Contents) -> Viewpoint:
@@ -165,9 +172,10 @@ class _Surfaces:
         known = np.zeros(view.opacity.shape, np.uint8)
         known[at[0][seen], at[1][seen]] = 1
         known = np.asarray(cv2.dilate(known, np.ones((_NEARBY, _NEARBY), np.uint8)), np.uint8)
-        unknown = np.mean((view.opacity > 0.5) & (known == 0))
-        share = np.count_nonzero(seen & ~hidden[at]) / len(self.points)
-        return float(share + _OF_CAMERAS * cameras - _OF_UNKNOWN * unknown)
+        opaque = view.opacity > 0.5
+        unknown, filled = np.mean(opaque & (known == 0)), np.mean(opaque & (known > 0))
+        share = np.count_nonzero(seen & ~hidden[at]) / max(1, len(self.points))
+        return float(share + _OF_CAMERAS * cameras + _OF_FILLED * filled - _OF_UNKNOWN * unknown)
 
     def _cameras_in(self, view: RenderedView) -> tuple[BoolArray, float]:
         """Pixels that are hidden by the photos in frusta, (H, W), and the share of the cameras
@@ -206,15 +214,20 @@ def _back_projected(view: RenderedView, where: BoolArray) -> Float64Array:
 
 
 def _spread_out(contents: Contents, count: int) -> list[ShownCamera]:
-    """So many cameras far from each other, in place and direction; references, where there are
-    some; else photos, or what the trajectory passes."""
-    cameras = contents.of_kind("reference") or contents.of_kind("final") or contents.cameras
-    walk = contents.trajectory
-    if not cameras and walk is not None:
-        cameras = tuple(ShownCamera("final", "", pose, walk.camera) for pose in walk.cam_from_map)
+    """So many of the photos, far from each other in place and direction."""
+    cameras = _photos(contents)
     if not cameras:
         return []
     where = [camera_centre(c.cam_from_map) / contents.depth for c in cameras]
     looks = [c.cam_from_map[2, :3] for c in cameras]
     chosen = farthest_first(np.hstack([where, looks]), count)
     return [cameras[i] for i in chosen]
+
+
+def _photos(contents: Contents) -> Sequence[ShownCamera]:
+    """References, where there are some; else photos, or what the trajectory passes."""
+    cameras = contents.of_kind("reference") or contents.of_kind("final") or contents.cameras
+    walk = contents.trajectory
+    if cameras or walk is None:
+        return cameras
+    return [ShownCamera("final", "", pose, walk.camera) for pose in walk.cam_from_map]

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of map and cameras from behind and above, without a browser: our own render, with
-frusta, ellipsoids and the trajectory drawn into it."""
+"""A picture of map and cameras as the page opens, without a browser: our own render, with frusta,
+ellipsoids and the trajectory drawn into it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Sequence
 
@@ -31,15 +31,10 @@ from gscpe.viewer.cameras import (
 )
 from gscpe.viewer.contents import Contents
 from gscpe.viewer.ellipsoids import Ellipsoid
-from gscpe.viewer.framing import framing_pose, looked_at, mean_look, shown_points
+from gscpe.viewer.opening import opening
 from gscpe.viewer.photos import Photos
 
 Colour = tuple[int, int, int]
-
-_ELEVATION = math.radians(30.0)
-_HALF_ANGLE = math.radians(25.0)  # of the picture's height
-_BEHIND = 0.8
-"""Of the distance to the nearest camera: what lies before is not drawn, as walls of the room."""
 
 _STEP = 6.0  # pixels in which lines are drawn, each hidden or not
 _HIDDEN = 0.25  # opacity of lines behind surfaces
@@ -76,8 +71,8 @@ def overview(
     photos: Photos | None = None,
     backend: str = "auto",
 ) -> UInt8Array:
-    """The map from behind and above its cameras, with all that is shown, and a legend below it;
-    (H, W, 3) uint8, as wide as the settings say and higher by the legend.
+    """The map as the page opens (:func:`gscpe.viewer.opening.opening`), with all that is shown,
+    and a legend below it; (H, W, 3) uint8, as wide as the settings say and higher by the legend.
 
     Args:
         map_: that is rendered.
@@ -90,26 +85,14 @@ def overview(
         RenderError, MissingDependencyError: as :class:`gscpe.Renderer`.
     """
     settings = settings or OverviewSettings()
-    focal = settings.height / 2 / math.tan(_HALF_ANGLE)
+    begin = opening(contents, map_.scene, backend)
+    focal = settings.height / 2 / math.tan(begin.vertical_angle / 2)
     cx, cy = settings.width / 2, settings.height / 2
     camera = Camera(settings.width, settings.height, focal, focal, cx, cy)
-    pose, near = overview_pose(contents, camera)
-    with Renderer(replace(map_.scene, near=near), backend) as renderer:
-        view = renderer.render(camera, pose)
+    map_from_cam = se3.from_quaternion_translation(begin.quaternion, begin.position)
+    with Renderer(map_.scene, backend) as renderer:
+        view = renderer.render(camera, se3.inverse(map_from_cam))
     return draw_contents(view, contents, settings.sigmas, photos or Photos([]))
-
-
-def overview_pose(contents: Contents, camera: Camera) -> tuple[Float64Array, float]:
-    """``cam_from_map``, (4, 4), from where all cameras and what they look at are seen, and the
-    distance up to which nothing should be drawn.
-
-    It looks where the cameras look on average, from above.
-    """
-    points = shown_points(contents)
-    both = np.concatenate([points, looked_at(contents)])
-    pose = framing_pose(both, mean_look(contents), _ELEVATION, contents.up, camera)
-    nearest = float(np.min(transform_points(pose, points)[:, 2]))
-    return pose, max(_BEHIND * nearest, 1e-3 * contents.depth)
 
 
 def draw_contents(

@@ -77,7 +77,7 @@ class Viewer(Closing):
         self._lock = threading.Lock()
         self._closed = threading.Event()
         try:
-            begin = opening(contents, self._renderer, map_.scene)
+            begin = opening(contents, map_.scene, backend)
             self._server = start_server(host, port, "gscpe")
         except BaseException:
             self._renderer.close()

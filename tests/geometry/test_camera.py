@@ -255,3 +255,18 @@ def test_pose_jacobian(rng: np.random.Generator) -> None:
 
     numeric = numeric_jacobian(all_moved, np.zeros(6))
     np.testing.assert_allclose(pose_jacobian(CAMERA, points), numeric, rtol=1e-5, atol=1e-4)
+
+
+def test_what_is_typed_is_looked_at() -> None:
+    """Slips with which photos would be found nowhere, after a long time."""
+    good = "PINHOLE,640,480,525,525,320,240"
+    assert Camera.typed(good) == Camera.parse(good)
+    assert Camera.typed("PINHOLE,640,480,20,20,-300,900")  # wide, and a detail of a photo
+    for wrong, why in (
+        ("PINHOLE,640,480,0.82,525,320,240", "fx = 0.82 is far too short"),
+        ("PINHOLE,640,480,525,1e9,320,240", "fy = 1e\\+09 is far too long"),
+        ("PINHOLE,640,480,525,525,1e18,240", "cx = 1e\\+18 is far outside"),
+        ("PINHOLE,640", "of the form"),
+    ):
+        with pytest.raises(CameraError, match=why):
+            Camera.typed(wrong)

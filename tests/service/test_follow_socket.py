@@ -9,10 +9,10 @@ from typing import Any, Iterator
 
 import numpy as np
 import pytest
-from batch_room import CAMERA, RoomFolder, make_room, wait_until
+from batch_room import CAMERA, RoomFolder, wait_until
 from fake_desk import FakeDesk
 from scenes import ROOM_POSE
-from serving import Serving, serving
+from serving import TOKEN, Serving, serving
 
 from gscpe.batch import shelf_order
 from gscpe.geometry import pose_difference, se3
@@ -23,13 +23,7 @@ from gscpe.service.service import Service, ServiceSettings
 pytest.importorskip("fastapi")
 connect = pytest.importorskip("websockets.sync.client").connect
 
-TOKEN = "0123456789abcdef0123"
 HELLO = json.dumps({"camera": CAMERA.colmap_text()})
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> RoomFolder:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 @pytest.fixture(scope="module")
@@ -127,3 +121,16 @@ def test_a_tracker_that_is_killed(socket: Any, room: RoomFolder) -> None:
     assert (answer["status"], answer["reason"]) == ("lost", "its worker died or hung")
     socket.send(photo)
     assert json.loads(socket.recv(120))["status"] in ("lost", "relocalized")
+
+
+def test_who_sends_no_frames_makes_room(room: RoomFolder) -> None:
+    order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
+    settings = ServiceSettings(limits=Limits(upload_seconds=0.5))
+    with (
+        serving(Service(order, settings, FakeDesk.start)) as hasty,
+        connect(address(hasty)) as idle,
+    ):
+        idle.send(HELLO)
+        assert json.loads(idle.recv(120))["status"] == "ready"
+        assert refused(idle) == "408 TooSlow"
+        wait_until(lambda: hasty.service.trackers.inside == 0)

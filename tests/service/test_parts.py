@@ -6,8 +6,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from serving import png_bomb
 
 from gscpe.errors import (
     CameraError,
@@ -40,17 +39,6 @@ SMALL = Limits(pixels=100 * 100)
 
 def encoded(ending: str, width: int = 40, height: int = 30) -> bytes:
     return bytes(cv2.imencode(ending, np.full((height, width, 3), 90, np.uint8))[1])
-
-
-def png_bomb(width: int, height: int) -> bytes:
-    """A PNG of a few bytes that says it is huge."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        crc = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", crc)
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
 
 
 def test_photos_are_judged_by_their_headers() -> None:
@@ -159,6 +147,22 @@ def test_cameras() -> None:
     for wrong in ("{", "{}", '{"model": 1}', "PINHOLE", "[]", "x" * 5000, "PINHOLE 1e9 1 1 1 1 1"):
         with pytest.raises(CameraError):
             forms.parse_camera(wrong)
+    for spoilt in (
+        {"params": "1234"},
+        {"params": {"0": 1}},
+        {"params": [525.5, True, 320, 240]},
+        {"params": [float("nan"), 525.5, 320, 240]},
+        {"params": [1e-9, 525.5, 320, 240]},
+        {"params": [525.5, 525.5, 1e18, 240]},
+        {"width": 640.5},
+        {"width": True},
+        {"width": "640,480"},
+        {"width": 10**400},
+        {"model": {"a": 1}},
+        {"model": "PINHOLE,640"},
+    ):
+        with pytest.raises(CameraError):
+            forms.parse_camera(json.dumps(as_json | spoilt))
 
 
 def test_priors() -> None:

@@ -9,9 +9,9 @@ from typing import Any, ContextManager, Iterator
 import cv2
 import moving_camera
 import pytest
-from batch_room import CAMERA, RoomFolder, make_room, wait_until
+from batch_room import CAMERA, RoomFolder, wait_until
 from browser import chromium, needs_browser
-from serving import Serving, serving
+from serving import TOKEN, Serving, serving
 
 from gscpe.batch import shelf_order
 from gscpe.geometry import pose_difference
@@ -19,13 +19,6 @@ from gscpe.poses.hloc import parse_pose
 from gscpe.service.service import Service, ServiceSettings
 
 pytestmark = needs_browser("fastapi")
-
-TOKEN = "0123456789abcdef0123"
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> RoomFolder:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import numpy as np
+from helpers import random_pose
 from numpy.typing import NDArray
-from scenes import furnished_room, splat_of
+from scenes import ROOM_POSE, furnished_room, room_map, splat_of
 
 from gscpe.geometry import Camera, se3
-from gscpe.render import Renderer
+from gscpe.geometry.projection import transform_points
 from gscpe.scene import GlobalDescriptors, Map, References
 from gscpe.viewer import Findings, contents_of
+from gscpe.viewer.cameras import frustum_corners
 from gscpe.viewer.framing import upright_rotation
 from gscpe.viewer.opening import from_afar, opening
 
@@ -39,11 +41,24 @@ def map_of(poses: list[NDArray[np.float64]]) -> Map:
 def opened(map_: Map, findings: Findings | None = None) -> tuple[NDArray[np.float64], ...]:
     """The eye, where it looks and its up, in the world."""
     contents = contents_of(map_, findings)
-    with Renderer(map_.scene, "cpu") as renderer:
-        begin = opening(contents, renderer, map_.scene)
+    begin = opening(contents, map_.scene, "cpu")
     turn = se3.from_quaternion_translation(begin.quaternion, [0, 0, 0])[:3, :3]
     eye = map_.frame.origin + begin.position / map_.frame.scale
     return eye, turn[:, 2], -turn[:, 1]
+
+
+def test_all_cameras_are_seen_from_afar(rng: np.random.Generator) -> None:
+    here = {f"{i}": se3.exp([0.1 * i - 0.2, 0, 0.1, 0, 0.05 * i, 0]) @ ROOM_POSE for i in range(4)}
+    for poses in (here, {str(i): random_pose(rng) for i in range(5)}):
+        contents = contents_of(room_map(), Findings(poses=poses))
+        afar = from_afar(contents)
+        map_from_cam = se3.from_quaternion_translation(afar.quaternion, afar.position)
+        for shown in contents.cameras:
+            corners = frustum_corners(shown.camera, shown.cam_from_map, contents.frustum_depth)
+            ahead = transform_points(se3.inverse(map_from_cam), corners)
+            assert np.all(ahead[:, 2] > 0)
+            across = np.abs(ahead[:, :2]) / ahead[:, 2:]
+            assert np.all(across < np.tan(afar.vertical_angle / 2) * np.array([1.6, 1.0]))
 
 
 def inside(point: NDArray[np.float64]) -> bool:
