@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 KINDS = ("pixels", "photo's header", "form", "cut off", "pieces exchanged", "texts")
 """What is spoilt; requests take turns."""
 
+_HEADERS = {"content-type": "multipart/form-data; boundary=0123456789abcdef"}
+"""httpx would draw a boundary at random."""
+
 _PROBLEM = "application/problem+json"
 
 _TEXTS: tuple[Mapping[str, str], ...] = (
@@ -83,10 +86,11 @@ def mutants(
     data = photo.read_bytes()
 
     def form(**texts: str) -> httpx.Request:
-        return httpx.Request("POST", address, files={"photo": (photo.name, data)}, data=texts)
+        files = {"photo": (photo.name, data)}
+        return httpx.Request("POST", address, files=files, data=texts, headers=_HEADERS)
 
     whole = form(camera=camera.colmap_text(), prior="1 0 0 0 0 0 0")
-    body, headers = whole.read(), {"content-type": whole.headers["content-type"]}
+    body = whole.read()
 
     def mutant(number: int) -> tuple[str, httpx.Request]:
         kind = KINDS[number % len(KINDS)]
@@ -94,7 +98,7 @@ def mutants(
             texts = _TEXTS[number // len(KINDS) % len(_TEXTS)]
             return kind, form(**{"camera": camera.colmap_text(), **texts})
         spoilt = _spoilt(body, kind, np.random.default_rng(number))
-        return kind, httpx.Request("POST", address, content=spoilt, headers=headers)
+        return kind, httpx.Request("POST", address, content=spoilt, headers=_HEADERS)
 
     return mutant
 

@@ -82,8 +82,17 @@ def _operation(method: str, path: str, operation: Mapping[str, Any]) -> Markup:
         Markup("<dt><code>{}</code></dt><dd>{}</dd>").format(name, about) for name, about in fields
     )
     return Markup("<section><h2><b>{}</b> {}</h2><p>{}</p><dl>{}</dl></section>").format(
-        method.upper(), path, operation.get("description", ""), Markup("").join(items)
+        method.upper(), path, _with_code(operation.get("description", "")), Markup("").join(items)
     )
+
+
+def _with_code(text: str) -> Markup:
+    """What is `between such marks` is code, as in Markdown."""
+    pieces = (
+        Markup("<code>{}</code>" if number % 2 else "{}").format(piece)
+        for number, piece in enumerate(text.split("`"))
+    )
+    return Markup("").join(pieces)
 
 
 def _text(name: str) -> str:

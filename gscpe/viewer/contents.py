@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Iterator, Mapping, Sequence, TypeVar
+from typing import Any, Collection, Iterator, Mapping, Sequence, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from gscpe.geometry.pose_error import camera_centre, camera_centres
 from gscpe.geometry.spread import thinned
 from gscpe.poses.hloc import parse_pose
 from gscpe.report.ground import choose_ground_plane
-from gscpe.scene import Map
+from gscpe.scene import Map, MapFrame, References
 from gscpe.scene.map_frame import typical_depth
 from gscpe.viewer.cameras import KINDS, Kind, ShownCamera
 from gscpe.viewer.ellipsoids import Ellipsoid, centre_ellipsoid
@@ -152,59 +152,67 @@ def contents_of(
         raise SettingsError("at least one camera of a kind must be shown")
     findings = findings or Findings()
     references = map_.references
-    frame = map_.frame
-    notes: list[str] = []
-    shown: list[ShownCamera] = [
+    fallback = references.cameras[0] if len(references) else _NO_CAMERA
+    chosen = thinned if like is None else _thinned_by_halves
+    known = list(dict.fromkeys([*findings.details, *findings.poses, *findings.truth]))
+    names = frozenset(chosen(known, most_cameras))
+    shown = [
         ShownCamera("reference", references.names[i], references.cam_from_world[i], camera)
         for i, camera in thinned(list(enumerate(references.cameras)), most_cameras)
     ]
-    if len(shown) < len(references):
-        notes.append(f"{len(shown)} of {references.count_text()} are drawn.")
-    if references.virtual:
-        notes.append("The references are renders of the splat; there are no photos of them.")
-    known = dict.fromkeys([*findings.details, *findings.poses, *findings.truth])
-    chosen = thinned if like is None else _thinned_by_halves
-    names = set(chosen(list(known), most_cameras))
-    if len(names) < len(known):
-        notes.append(f"{len(names)} of {len(known)} localized photos are drawn.")
-    fallback = references.cameras[0] if len(references) else _NO_CAMERA
-    for kind, name, cam_from_world, camera, trusted in _located(findings, fallback):
-        if name in names:
-            shown.append(
-                ShownCamera(kind, name, frame.cam_from_map(cam_from_world), camera, trusted)
-            )
+    notes = _notes(references, len(shown), len(names), len(known))
+    shown += _shown_photos(findings, names, map_.frame, fallback)
     shown.sort(key=lambda camera: KINDS.index(camera.kind))
-    final = {c.name: c.cam_from_map for c in shown if c.kind == "final"}
-    ellipsoids = [
-        centre_ellipsoid(name, pose, np.array(covariance, dtype=np.float64), frame.scale)
-        for name, pose in final.items()
-        if (covariance := findings.details.get(name, {}).get("covariance")) is not None
-    ]
-    trajectory = _trajectory(findings, map_, fallback)
-    if like is not None:
-        return replace(
-            like,
-            cameras=tuple(shown),
-            ellipsoids=tuple(ellipsoids),
-            refused=tuple(_refused(findings)),
-            trajectory=trajectory,
-            notes=tuple(notes),
-        )
-    depth = typical_depth(map_.scene, references)
-    partial = Contents(
+    contents = Contents(
         cameras=tuple(shown),
-        ellipsoids=tuple(ellipsoids),
+        ellipsoids=tuple(_ellipsoids(findings, shown, map_.frame)),
         refused=tuple(_refused(findings)),
-        trajectory=trajectory,
+        trajectory=_trajectory(findings, map_, fallback),
         axes=np.eye(3),
         frustum_depth=0.0,
-        depth=depth,
-        notes=tuple(notes),
+        depth=0.0,
+        notes=notes,
     )
-    centres = partial.centres()
+    if like is not None:
+        return replace(contents, axes=like.axes, frustum_depth=like.frustum_depth, depth=like.depth)
+    depth, centres = typical_depth(map_.scene, references), contents.centres()
     return replace(
-        partial, axes=_axes(partial, centres), frustum_depth=_frustum_depth(centres, depth)
+        contents,
+        axes=_axes(contents, centres),
+        frustum_depth=_frustum_depth(centres, depth),
+        depth=depth,
     )
+
+
+def _notes(references: References, drawn: int, photos: int, known: int) -> tuple[str, ...]:
+    notes = []
+    if drawn < len(references):
+        notes.append(f"{drawn} of {references.count_text()} are drawn.")
+    if references.virtual:
+        notes.append("The references are renders of the splat; there are no photos of them.")
+    if photos < known:
+        notes.append(f"{photos} of {known} localized photos are drawn.")
+    return tuple(notes)
+
+
+def _shown_photos(
+    findings: Findings, names: Collection[str], frame: MapFrame, fallback: Camera
+) -> Iterator[ShownCamera]:
+    for kind, name, cam_from_world, camera, trusted in _located(findings, fallback):
+        if name in names:
+            yield ShownCamera(kind, name, frame.cam_from_map(cam_from_world), camera, trusted)
+
+
+def _ellipsoids(
+    findings: Findings, shown: Sequence[ShownCamera], frame: MapFrame
+) -> Iterator[Ellipsoid]:
+    """Of the final poses that have a covariance."""
+    final = {each.name: each.cam_from_map for each in shown if each.kind == "final"}
+    for name, pose in final.items():
+        covariance = findings.details.get(name, {}).get("covariance")
+        if covariance is not None:
+            known = np.array(covariance, dtype=np.float64)
+            yield centre_ellipsoid(name, pose, known, frame.scale)
 
 
 def _located(

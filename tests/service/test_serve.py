@@ -97,6 +97,7 @@ def test_pages_and_numbers(server: Serving, client: Client) -> None:
     docs = get("/docs").text
     assert "/v1/maps/{map_name}/localize" in docs
     assert "https://" not in docs
+    assert "<code>gscpe localize --json</code>" in docs
     api = get("/openapi.json").json()
     assert "/v1/maps/{map_name}/localize" in api["paths"]
     for answer in (get("/"), get("/v1/maps"), get("/nothing")):

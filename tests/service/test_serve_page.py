@@ -113,6 +113,7 @@ def test_a_photo_and_its_place(
     bad.write_bytes(b"no photo")
     phone.find_element("id", "choose").send_keys(str(bad))
     wait_until(lambda: "is not an image" in text(phone, "status"))
+    assert not phone.find_element("id", "render").is_displayed()  # there is nothing to see
     assert "<img src=x" in text(phone, "status")
     assert not phone.find_elements("css selector", "#status img")
 
