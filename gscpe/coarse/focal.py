@@ -36,6 +36,8 @@ class FocalSettings:
         min_inliers: matches that must agree with the best.
         max_relative_sigma: largest relative standard deviation of an accepted focal length: a flat
             wall looks the same from far away with a long lens as from nearby with a short one.
+        model_sigma: standard deviation of its focal length, as a share of it, beyond what matches
+            say: pixels are taken to be square, and the lens to be free of distortion.
         principal_sigma: standard deviation of the principal point of such a camera, which is not
             estimated but taken to be the guess's, as a share of the focal length.
 
@@ -50,7 +52,8 @@ class FocalSettings:
     ordinary: float = 0.9
     min_inliers: int = 30
     max_relative_sigma: float = 0.03
-    principal_sigma: float = 0.01
+    model_sigma: float = 0.005
+    principal_sigma: float = 0.015
 
     def __post_init__(self) -> None:
         if not 0 < self.widest <= 1 <= self.narrowest < np.inf or self.steps < 1:
@@ -62,8 +65,12 @@ class FocalSettings:
             raise SettingsError("around is a factor of at least 1, ordinary a positive length")
         if self.min_inliers < 1 or not self.max_relative_sigma > 0:
             raise SettingsError("a focal length needs min_inliers >= 1 and max_relative_sigma > 0")
-        if not 0 <= self.principal_sigma < np.inf:
-            raise SettingsError(f"principal_sigma cannot be {self.principal_sigma}; 0 or more")
+        for name, sigma in (
+            ("model_sigma", self.model_sigma),
+            ("principal_sigma", self.principal_sigma),
+        ):
+            if not 0 <= sigma < np.inf:
+                raise SettingsError(f"{name} cannot be {sigma}; 0 or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +143,7 @@ def estimate_focal_length(
         )
     camera = replace(
         found.camera,
-        focal_sigma=found.relative_sigma,
+        focal_sigma=float(np.hypot(found.relative_sigma, settings.model_sigma)),
         principal_sigma=settings.principal_sigma,
     )
     return replace(found, camera=camera)
