@@ -32,15 +32,13 @@ import multiprocessing
 import os
 import sys
 import time
-import tomllib
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
 import numpy as np
 from _common import progress
+from trust_jobs import HALVES, Job, jobs_of, read_places
 from trust_report import print_report
 
 from gscpe import Attempt, LocalizationResult, Localizer, open_map, read_image
@@ -48,113 +46,6 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization.verification import focal_contradiction, inlier_spread, worst_sigmas
-from gscpe.poses import read_pose_file
-from gscpe.scene.query_list import Query, read_query_list
-
-HALVES = ("even", "odd")
-"""Reported, and for choosing settings."""
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Photos of one place, and perhaps a map of it."""
-
-    name: str
-    map: Path | None
-    images: Path
-    queries: tuple[Query, ...]
-    truth: Mapping[str, Float64Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One photo to localize in one map.
-
-    Attributes:
-        place: whose map.
-        photos: the place that the photo shows.
-        query: the photo.
-        camera: "given", or "estimated" from the photo alone.
-        half: "odd" or "even", see :func:`halves`.
-    """
-
-    place: Place
-    photos: Place
-    query: Query
-    camera: str
-    half: str
-
-    @property
-    def key(self) -> tuple[str, str, str, str]:
-        return self.place.name, self.photos.name, self.query.name, self.camera
-
-
-def read_places(path: Path) -> list[Place]:
-    folder = path.resolve().parent
-    return [
-        Place(
-            entry["name"],
-            folder / entry["map"] if "map" in entry else None,
-            folder / entry["images"],
-            read_query_list(folder / entry["queries"]),
-            read_pose_file(folder / entry["truth"]).poses if "truth" in entry else {},
-        )
-        for entry in tomllib.loads(path.read_text())["place"]
-    ]
-
-
-def spread(count: int, number: int) -> list[int]:
-    """So many of ``range(count)``, spread evenly; fewer of them are always some of more."""
-    return sorted(range(count), key=lambda i: (i * _GOLDEN) % 1.0)[:number]
-
-
-def jobs_of(
-    places: Sequence[Place], right: int, estimated: int, foreign: int, half: str | None = None
-) -> list[Job]:
-    """Those of the maps in turns, so that an interrupted run has seen something of each."""
-    by_map: list[list[Job]] = []
-    for place in places:
-        if place.map is None:
-            continue
-        own = [i for i in of_half(place, half) if place.queries[i].name in place.truth]
-        queues = [
-            [job(place, place, own[i], camera) for i in spread(len(own), number)]
-            for number, camera in ((right, "given"), (estimated, "estimated"))
-        ]
-        for other in places:
-            if other is not place:
-                theirs = of_half(other, half)
-                chosen = spread(len(theirs), foreign)
-                queues.append([job(place, other, theirs[i], "given") for i in chosen])
-        by_map.append(in_turns(queues))
-    return in_turns(by_map)
-
-
-def halves(place: Place) -> list[str]:
-    """Of each photo, by its number among those with a true pose, or among the others: where a map
-    leaves out every eighth photo, their numbers in the list are all of one kind."""
-    counts = {True: 0, False: 0}
-    found = []
-    for query in place.queries:
-        known = query.name in place.truth
-        found.append(HALVES[counts[known] % 2])
-        counts[known] += 1
-    return found
-
-
-def of_half(place: Place, half: str | None) -> list[int]:
-    """Numbers of the place's photos of this half, or of all."""
-    return [i for i, its in enumerate(halves(place)) if half in (None, its)]
-
-
-def in_turns(queues: Sequence[Sequence[Job]]) -> list[Job]:
-    """The first of each queue, then the second of each."""
-    return [each for turn in zip_longest(*queues) for each in turn if each is not None]
-
-
-def job(place: Place, photos: Place, index: int, camera: str) -> Job:
-    return Job(place, photos, photos.queries[index], camera, halves(photos)[index])
 
 
 def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]:
@@ -174,50 +65,52 @@ def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]
 class Bench:
     """Measures photos with a localizer for each map."""
 
-    def __init__(self) -> None:
+    def __init__(self, backend: str) -> None:
+        self._backend: str = backend
         self._localizers: dict[Path, Localizer] = {}
 
     def line(self, each: Job) -> dict[str, Any]:
-        assert each.place.map is not None
-        localizer = self._localizers.get(each.place.map)
-        if localizer is None:
-            localizer = self._localizers[each.place.map] = Localizer(open_map(each.place.map))
-        return measured(localizer, each)
+        folder = each.place.map
+        assert folder is not None
+        if folder not in self._localizers:
+            self._localizers[folder] = Localizer(open_map(folder), backend=self._backend)
+        return measured(self._localizers[folder], each)
 
     def close(self) -> None:
         for localizer in self._localizers.values():
             localizer.close()
 
 
-_bench: Bench | None = None
-"""Of a process that a run with ``--jobs`` has started."""
+_bench: list[Bench] = []
+"""That of a process which was started for ``--jobs``."""
 
 
-def _begin() -> None:
-    global _bench
-    _bench = Bench()
+def _begin(backend: str) -> None:
+    _bench.append(Bench(backend))
 
 
 def _line(each: Job) -> dict[str, Any]:
-    assert _bench is not None
-    return _bench.line(each)
+    return _bench[0].line(each)
 
 
-def measure(path: Path, jobs: Sequence[Job], processes: int, minutes: float) -> None:
+def measure(path: Path, jobs: Sequence[Job], processes: int, minutes: float, backend: str) -> None:
     """Adds a line for each to a file as soon as it is measured; begins none after so long."""
     if not jobs:
         return
     path.touch()
+    end = time.monotonic() + 60.0 * minutes
     with path.open("a") as output:
         output.write(_newline_if_cut_off(path))
-        work = _beside(jobs, processes, minutes) if processes > 1 else _here(jobs, minutes)
+        work = _here(jobs, end, backend)
+        if processes > 1:
+            work = _beside(jobs, processes, end, backend)
         for line in progress(work, "localize", len(jobs)):
             output.write(json.dumps(line) + "\n")
             output.flush()
 
 
-def _here(jobs: Sequence[Job], minutes: float) -> Iterator[dict[str, Any]]:
-    bench, end = Bench(), time.monotonic() + 60.0 * minutes
+def _here(jobs: Sequence[Job], end: float, backend: str) -> Iterator[dict[str, Any]]:
+    bench = Bench(backend)
     try:
         for each in jobs:
             if time.monotonic() > end:
@@ -227,17 +120,17 @@ def _here(jobs: Sequence[Job], minutes: float) -> Iterator[dict[str, Any]]:
         bench.close()
 
 
-def _beside(jobs: Sequence[Job], processes: int, minutes: float) -> Iterator[dict[str, Any]]:
+def _beside(
+    jobs: Sequence[Job], processes: int, end: float, backend: str
+) -> Iterator[dict[str, Any]]:
     """In so many processes of one thread each, in the order in which they are done."""
-    for library in ("GSCPE", "OMP", "OPENBLAS"):
-        os.environ[f"{library}_NUM_THREADS" if library != "GSCPE" else "GSCPE_THREADS"] = "1"
+    os.environ |= dict.fromkeys(("GSCPE_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     context = multiprocessing.get_context("spawn")
-    end = time.monotonic() + 60.0 * minutes
     waiting = iter(jobs)
-    with ProcessPoolExecutor(processes, context, _begin) as pool:
+    with ProcessPoolExecutor(processes, context, _begin, (backend,)) as pool:
         running: set[Future[dict[str, Any]]] = set()
         while True:
-            while len(running) < 2 * processes and time.monotonic() < end:
+            while len(running) < processes and time.monotonic() <= end:
                 each = next(waiting, None)
                 if each is None:
                     break
@@ -353,9 +246,8 @@ def main() -> int:
     parser.add_argument("--estimated", type=int, default=25, help="... with estimated cameras")
     parser.add_argument("--foreign", type=int, default=34, help="photos a map and other place")
     parser.add_argument("--jobs", type=int, default=1, help="processes, of one thread each")
-    parser.add_argument(
-        "--minutes", type=float, default=np.inf, help="begin no photo after so many"
-    )
+    parser.add_argument("--minutes", type=float, default=np.inf, help="then begin no more")
+    parser.add_argument("--backend", choices=("auto", "gl", "cpu"), default="auto", help="renderer")
     parser.add_argument("--half", choices=sorted(HALVES), help="this half alone")
     parser.add_argument("--report-only", action="store_true", help="measure nothing")
     options = parser.parse_args()
@@ -364,7 +256,7 @@ def main() -> int:
     known = read_evidence(options.evidence)
     missing = [each for each in jobs if each.key not in known]
     if missing and not options.report_only:
-        measure(options.evidence, missing, options.jobs, options.minutes)
+        measure(options.evidence, missing, options.jobs, options.minutes, options.backend)
         known = read_evidence(options.evidence)
     lines = list(wanted(known, jobs))
     if len(lines) < len(jobs):

@@ -37,6 +37,8 @@ class FocalSettings:
         min_inliers: matches that must agree with the best.
         max_relative_sigma: largest relative standard deviation of an accepted focal length: a flat
             wall looks the same from far away with a long lens as from nearby with a short one.
+        model_sigma: standard deviation of its focal length, as a share of it, beyond what matches
+            say: pixels are taken to be square, and the lens to be free of distortion.
         principal_sigma: standard deviation of the principal point of such a camera, which is not
             estimated but taken to be the guess's, as a share of the focal length.
 
@@ -51,7 +53,8 @@ class FocalSettings:
     ordinary: float = 0.9
     min_inliers: int = 30
     max_relative_sigma: float = 0.03
-    principal_sigma: float = 0.01
+    model_sigma: float = 0.005
+    principal_sigma: float = 0.015
 
     def __post_init__(self) -> None:
         check_numbers(self, "widest", above=0, most=1)
@@ -59,7 +62,7 @@ class FocalSettings:
         check_numbers(self, "ordinary", above=0)
         check_whole(self, "steps", "min_inliers", least=1)
         check_numbers(self, "max_relative_sigma", above=0, infinite=True)
-        check_numbers(self, "principal_sigma", least=0)
+        check_numbers(self, "model_sigma", "principal_sigma", least=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +136,7 @@ def estimate_focal_length(
         )
     camera = replace(
         found.camera,
-        focal_sigma=found.relative_sigma,
+        focal_sigma=float(np.hypot(found.relative_sigma, settings.model_sigma)),
         principal_sigma=settings.principal_sigma,
     )
     return replace(found, camera=camera)

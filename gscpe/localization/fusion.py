@@ -37,7 +37,7 @@ class FusionSettings:
     """
 
     matches_variance_factor: float = 3.0
-    correlation: float = 0.6
+    correlation: float = 0.5
 
     def __post_init__(self) -> None:
         check_numbers(self, "matches_variance_factor", above=0)

@@ -36,9 +36,9 @@ class LocalizationResult:
         reason: why not; None when localized.
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
-            map's world units and radians; None when not localized. Unlike the covariances of the
-            stages, it includes the uncertainty of the camera's focal length and principal point,
-            and how far the matches contradict the focal length.
+            map's world units and radians; None when not localized. Like those of both stages, it
+            includes the uncertainty of the camera's focal length and principal point; and how far
+            the matches contradict the focal length.
         camera: that was given, or estimated (``focal_sigma`` is not 0 then).
         best: the attempt that the result comes from; None when there was nothing to start from.
         attempts: all attempts, in order.
@@ -75,7 +75,9 @@ class LocalizationResult:
         best = max(attempts, key=Attempt.rank, default=None)
         if best is None:
             return cls(False, NO_FEATURES, None, None, camera, None, (), seconds)
-        in_world = tuple(attempt_in_world(attempt, frame) for attempt in attempts)
+        in_world = tuple(
+            attempt_in_world(_unsure_of_camera(attempt, camera), frame) for attempt in attempts
+        )
         pose = covariance = None
         if best.doubt is None:
             cam_from_map, in_map_units = _final_pose(best, camera, settings)
@@ -189,10 +191,30 @@ def _final_pose(
         )
         contradiction = focal_contradiction(coarse, camera)
     # Wrong intrinsics move matches and alignment alike, so they count after their mean.
+    return pose, covariance + _of_camera(aligned, camera, contradiction)
+
+
+def _of_camera(
+    aligned: RefinementResult, camera: Camera, contradiction: float = 0.0
+) -> Float64Array:
+    """(6, 6), what a pose is unsure because its camera is."""
+    covariance = np.zeros((6, 6))
     variance = camera.focal_sigma**2 + contradiction**2
     if variance > 0 and aligned.by_log_focal is not None:
-        covariance = covariance + variance * np.outer(aligned.by_log_focal, aligned.by_log_focal)
+        covariance += variance * np.outer(aligned.by_log_focal, aligned.by_log_focal)
     if camera.principal_sigma > 0 and aligned.by_principal is not None:
         by_principal = camera.principal_sigma * aligned.by_principal
-        covariance = covariance + by_principal @ by_principal.T
-    return pose, covariance
+        covariance += by_principal @ by_principal.T
+    return covariance
+
+
+def _unsure_of_camera(attempt: Attempt, camera: Camera) -> Attempt:
+    """The same, both stages as unsure as their camera makes them."""
+    coarse, aligned = attempt.coarse, attempt.aligned
+    if aligned is None or aligned.covariance is None:
+        return attempt
+    more = _of_camera(aligned, camera)
+    aligned = replace(aligned, covariance=aligned.covariance + more)
+    if coarse is not None and coarse.covariance is not None:
+        coarse = replace(coarse, covariance=coarse.covariance + more)
+    return replace(attempt, coarse=coarse, aligned=aligned)

@@ -8,11 +8,11 @@ Statistics", 1981):
 
     C = A^-1 B A^-T,    A = sum psi'(r) J J_photo^T,    B = sum_bc k(b, c) s_b s_c^T
 
-A is how the sum of ``psi(r) J``, which the alignment makes zero, follows the pose: psi' is the slope
-of the robust loss's influence, and what a residual follows is the photo's own gradient. B is how
-far that sum strays by itself: ``s_b`` is its part in a block of the image, and k falls from 1
-within a block to 0 at some blocks' distance, so that correlation is measured in the very photo
-as far as that (Newey and West, Econometrica 1987; in space: Conley, J. Econometrics 1999). As the
+A is how the sum of ``psi(r) J``, which the alignment makes zero, follows the pose: psi' is the
+slope of the robust loss's influence, and what a residual follows is the photo's own gradient. B is
+how far that sum strays by itself: ``s_b`` is its part in a block of the image, and k falls from 1
+within a block to 0 at some blocks' distance, so that correlation is measured in the very photo as
+far as that (Newey and West, Econometrica 1987; in space: Conley, J. Econometrics 1999). As the
 sum is zero, B misses as much of it as the kernel covers of the image, and is made larger by that.
 What is correlated farther, such as a bent map, cannot be told from a pose that is a little off.
 
@@ -51,7 +51,7 @@ from gscpe.refinement.sampling import gradient
 _LEAST_SLOPE = 0.1
 """Of the influence, as a share of the weight: where most residuals are beyond the bend of the loss,
 it says nothing."""
-_LEAST_KEPT = 1e-3
+_LEAST_KEPT = 1e-4
 """Share of the information of a direction, so that what is all noise keeps a finite variance."""
 _LEAST_SEEN = 0.25
 """Share of B that is not missed, at least: a few blocks of a photo that is mostly covered."""
@@ -93,12 +93,13 @@ class UncertaintySettings:
         reach: blocks' distance, along rows and columns, at which nothing is correlated any more.
         shrinkage: there are few blocks beside the 36 numbers that they determine, so this
             share of them is replaced by their mean, the shape being that of independent pixels.
-        factor: the covariance is multiplied by it; 1 as long as the reach is far enough.
+        factor: the covariance is multiplied by it.
         enough_shared: share of a direction's gradient information that both images must have in
             common, so that matches can determine this direction too; below half of it they cannot
             at all.
-        least_pixels: motions that move the picture by less (root mean square) are below the errors
-            of rendering and interpolation.
+        least_pixels: standard deviation of motions, along each of six axes, that move the picture
+            by so much (root mean square), for what residuals do not show: a bent map, rendering and
+            interpolation (calibrated, docs/benchmarks.md).
 
     Raises:
         SettingsError: a value is out of its range.
@@ -107,9 +108,9 @@ class UncertaintySettings:
     blocks: int = 10
     reach: float = 3.0
     shrinkage: float = 0.2
-    factor: float = 1.4
+    factor: float = 1.0
     enough_shared: float = 0.3
-    least_pixels: float = 0.004
+    least_pixels: float = 0.05
 
     def __post_init__(self) -> None:
         check_whole(self, "blocks", least=1)

@@ -58,8 +58,8 @@ def test_a_crowd_in_one_cell_counts_as_one(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("alike", [1, 2])
 def test_the_covariance_is_that_of_the_errors(alike: int, rng: np.random.Generator) -> None:
-    """One match a cell, and noise that as many neighbouring cells share as the settings say: the
-    normalized error squared averages 6. Where each has its own, it is less by that factor."""
+    """One match a cell, and noise that so many neighbouring cells share: the normalized error
+    squared would average 6 times as many, were it not for the correlation in the settings."""
     errors = []
     columns, rows = np.meshgrid(np.arange(10), np.arange(7))
     centres = np.stack([columns.ravel(), rows.ravel()], axis=1) * np.float64(64.0) + 32.0
@@ -72,7 +72,7 @@ def test_the_covariance_is_that_of_the_errors(alike: int, rng: np.random.Generat
         assert found is not None
         xi = se3.log(pose @ se3.inverse(found.cam_from_world))
         errors.append(xi @ np.linalg.solve(found.covariance, xi))
-    assert np.mean(errors) == pytest.approx(3.0 * alike, rel=0.35)
+    assert np.mean(errors) == pytest.approx(6.0 * alike / SETTINGS.noise_correlation, rel=0.35)
 
 
 @pytest.mark.parametrize("shape", ["a line", "a corner of the photo", "far away"])

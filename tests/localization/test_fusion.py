@@ -83,8 +83,8 @@ def test_matches_count_less(rng: np.random.Generator) -> None:
     whole = se3.log(aligned @ se3.inverse(matched))
     share = 4.0 / (1.0 + 4.0)
     np.testing.assert_allclose(se3.log(pose @ se3.inverse(matched)), share * whole, rtol=1e-6)
-    # Weights 1/5 and 4/5 of estimates whose errors are correlated by 0.6.
-    expected = (1.0 + 16.0 + 2.0 * 4.0 * 0.6) / 25.0
+    # Weights 1/5 and 4/5 of estimates whose errors are correlated by a half.
+    expected = (1.0 + 16.0 + 2.0 * 4.0 * 0.5) / 25.0
     np.testing.assert_allclose(found, expected * covariance, rtol=1e-6)
 
 

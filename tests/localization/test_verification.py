@@ -220,7 +220,7 @@ def test_an_alignment_that_determines_nothing_contradicts_nothing() -> None:
     far = se3.exp([0.4, 0, 0, 0, 0, 0])
     assert aligned_doubt(cam_from_world=far, covariance=4.0 * np.eye(6)) is None
     undetermined = replace(ALIGNED, cam_from_world=far, covariance=4.0 * np.eye(6))
-    unsure = replace(COARSE, covariance=np.diag([0.03**2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6]))
+    unsure = replace(COARSE, covariance=np.diag([0.06**2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6]))
     doubt = doubt_about_aligned(unsure, undetermined, CAMERA, SETTINGS, FUSION, FRAME)
     assert doubt is not None
     assert "does not determine the pose" in doubt

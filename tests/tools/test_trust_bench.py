@@ -86,8 +86,51 @@ def test_photos_of_two_places(
     assert run() == printed
 
 
+def test_processes_measure_the_same(
+    places: Path,
+    tool: Callable[[str], Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each pair once, whoever measures it; none is begun when the time is up."""
+    bench, seen = tool("bench_trust"), []
+    for name in ("GSCPE_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
+    for evidence, *more in (["one.jsonl"], ["two.jsonl", "--jobs", "2"]):
+        arguments = [str(places / "places.toml"), "--evidence", str(places / evidence), *more]
+        arguments += ["--estimated", "0", "--backend", "cpu"]
+        for minutes in ("-1", "9"):
+            monkeypatch.setattr(sys, "argv", ["bench_trust.py", *arguments, "--minutes", minutes])
+            assert bench.main() == 0
+            assert ("Not measured yet: 2 of 2" in capsys.readouterr().out) == (minutes == "-1")
+        lines = (json.loads(line) for line in (places / evidence).read_text().splitlines())
+        seen.append({
+            (line["map"], line["place"]): str(line.get("stages")) for line in lines
+        })  # fmt: skip
+    assert len(seen[0]) == 2
+    assert seen[0] == seen[1]
+
+
+def test_every_second_photo_is_reported(places: Path, tool: Callable[[str], Any]) -> None:
+    """Of those with a true pose, and of the others; by halves, no photo is lost or twice."""
+    (places / "here.txt").write_text("".join(f"{i}.png PINHOLE 4 4 4 4 2 2\n" for i in range(24)))
+    truth = [f"{i}.png {format_pose(np.eye(4))}\n" for i in range(0, 24, 4)]
+    (places / "truth.txt").write_text("".join(truth))
+    jobs = tool("trust_jobs")
+    read = jobs.read_places(places / "places.toml")
+    assert [i for i, half in enumerate(jobs.halves(read[0])) if half == "even"][:6] == [
+        0, 1, 3, 6, 8, 9
+    ]  # fmt: skip
+    whole, *parts = (jobs.jobs_of(read, 99, 99, 99, half) for half in (None, "even", "odd"))
+    assert [len([job for job in part if job.place is job.photos]) for part in parts] == [6, 6]
+    keys = [job.key for part in parts for job in part]
+    assert len(set(keys)) == len(keys)
+    assert set(keys) == {job.key for job in whole}
+    assert {job.half for job in parts[0]} == {"even"}
+
+
 def test_more_photos_include_the_fewer(tool: Callable[[str], Any]) -> None:
-    spread = tool("bench_trust").spread
+    spread = tool("trust_jobs").spread
     for number in (1, 7, 30):
         chosen = spread(100, number)
         assert chosen == spread(100, 60)[:number]
