@@ -8,12 +8,13 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, RayCastRenderer, room, room_camera, room_map
 
-from gscpe import Localizer
+from gscpe import Localizer, LocalizerSettings
 from gscpe.geometry import pose_difference, se3
-from gscpe.localization import stages
+from gscpe.localization import VerificationSettings, stages
 from gscpe.photos import Photo
 from gscpe.refinement import RefinementSettings, refine_pose
 from gscpe.refinement.changes import without_changes
+from gscpe.render import RenderedView
 
 CAMERA = room_camera(321, 241)
 TRUTH = np.asarray(se3.exp([0.04, -0.03, 0.05, 0.02, -0.02, 0.01]) @ ROOM_POSE)
@@ -69,23 +70,32 @@ def test_the_alignment_is_better_for_it() -> None:
     assert errors[0] < 0.3 * errors[1]
 
 
-def test_a_photo_is_localized_by_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    camera, asked = room_camera(480, 360), list[bool]()
-    picture = room().shoot(camera, TRUTH, samples=2).uint8
-    other = room(7).shoot(camera, ROOM_POSE, samples=2).uint8[::-1]
+@pytest.mark.parametrize(
+    ("agreement", "inliers", "left_out"), [(0.9, 50, 1), (0.3, 50, 0), (0.9, 500, 0)]
+)
+def test_photos_that_are_aligned_again(
+    agreement: float, inliers: int, left_out: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where photo and map are not alike enough, and enough matches agree; how alike the whole photo
+    is remains known."""
+    picture = room().shoot(CAMERA, TRUTH, samples=2).uint8
+    other = room(7).shoot(CAMERA, ROOM_POSE, samples=2).uint8[::-1]
     for row in range(6):
         for column in range(row % 2, 6, 2):
-            block = slice(60 * row, 60 * row + 60), slice(80 * column, 80 * column + 80)
+            block = slice(40 * row, 40 * row + 40), slice(53 * column, 53 * column + 53)
             picture[block] = other[block]
-    again = stages.without_changes
+    again, calls = stages.without_changes, list[Photo | None]()
 
-    def told(*arguments: object) -> Photo | None:
-        found = again(*arguments)  # type: ignore[arg-type]
-        asked.append(found is not None)
-        return found
+    def told(photo: Photo, view: RenderedView) -> Photo | None:
+        calls.append(again(photo, view))
+        return calls[-1]
 
     monkeypatch.setattr(stages, "without_changes", told)
-    with Localizer(room_map(), matcher="sift") as localizer:
-        result = localizer.localize(picture, camera)
-    print(result.reason, result.coarse, result.aligned, asked)
+    trust = VerificationSettings(changed_agreement=agreement, decisive_inliers=inliers)
+    with Localizer(room_map(), LocalizerSettings(verification=trust), "sift") as localizer:
+        result = localizer.localize(picture, CAMERA)
     assert result.localized, result.reason
+    assert [found is not None for found in calls] == [True] * left_out
+    assert result.cam_from_world is not None and result.aligned is not None
+    assert pose_difference(result.cam_from_world, TRUTH).distance < 0.01
+    assert 0.3 < result.aligned.agreement < 0.6
