@@ -16,11 +16,14 @@ from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.verification import (
+    are_decisive,
     doubt_about_aligned,
     doubt_about_coarse,
     doubt_about_tracked,
 )
+from gscpe.photos import Photo
 from gscpe.refinement import RefinementResult, refine_pose
+from gscpe.refinement.changes import without_changes
 from gscpe.render import Renderer, Renders
 from gscpe.scene import MapFrame
 
@@ -79,8 +82,12 @@ class Stages:
                 settings.refinement,
                 observer,
             )
-            if found is not None and self._doubt(query, *found) is None:
-                return Attempt(start, *found, None, matcher=named.name)
+            if found is not None:
+                coarse, aligned = found
+                with query.clock.stage("refinement"):
+                    aligned = self._aligned_without_changes(query.photo, coarse, aligned, observer)
+                if self._doubt(query, coarse, aligned) is None:
+                    return Attempt(start, coarse, aligned, None, matcher=named.name)
         return self.hard_attempt(query, start, named, observer, renderer)
 
     def hard_attempt(
@@ -112,8 +119,30 @@ class Stages:
             aligned = refine_pose(
                 renderer, query.photo, coarse.cam_from_world, settings.refinement, observer
             )
+            aligned = self._aligned_without_changes(query.photo, coarse, aligned, observer)
         doubt = self._doubt(query, coarse, aligned)
         return Attempt(start, coarse, aligned, doubt, matcher=named.name)
+
+    def _aligned_without_changes(
+        self, photo: Photo, coarse: CoarseResult, aligned: RefinementResult, observer: Observer
+    ) -> RefinementResult:
+        """The alignment again, without what does not look like the map, if that is much of the
+        photo, although its matches leave no doubt about the place. How much photo and map are alike
+        remains that of the whole photo."""
+        verification, pose = self.settings.verification, coarse.cam_from_world
+        unlike = not aligned.agreement >= verification.changed_agreement
+        if pose is None or not unlike or not are_decisive(coarse, photo.camera, verification):
+            return aligned
+        view = self.renderer.render(photo.camera, pose)
+        unchanged = without_changes(photo, view)
+        if unchanged is None:
+            return aligned
+        again = refine_pose(
+            self.renderer, unchanged, pose, self.settings.refinement, observer, view
+        )
+        if again.cam_from_world is None:
+            return aligned
+        return replace(again, agreement=aligned.agreement, overlap=aligned.overlap)
 
     def _doubt(
         self, query: PreparedPhoto, coarse: CoarseResult, aligned: RefinementResult

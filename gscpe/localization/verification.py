@@ -32,7 +32,9 @@ class VerificationSettings:
         decisive_inlier_share: ... as a share of all matches, ...
         decisive_spread: ... and the share of the grid that they hold: more than that of a photo
             whose halves were exchanged.
-        decisive_agreement: what ``min_agreement`` is then.
+        decisive_agreement: what ``min_agreement`` is then. Below ...
+        changed_agreement: ... this, what does not look like the map is left out, and the rest is
+            aligned again.
         min_tracking_agreement: the same for a pose from an alignment alone, without matches.
         sure_agreement: below it, further starts are tried too, and the best is kept.
         min_overlap: share of the photo that shows the map.
@@ -57,6 +59,7 @@ class VerificationSettings:
     decisive_inlier_share: float = 0.55
     decisive_spread: float = 0.55
     decisive_agreement: float = 0.1
+    changed_agreement: float = 0.4
     min_tracking_agreement: float = 0.5
     sure_agreement: float = 0.6
     min_overlap: float = 0.2

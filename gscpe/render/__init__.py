@@ -4,7 +4,7 @@
 from gscpe.render.context import DriverInfo, driver_info
 from gscpe.render.rasterizer import choose_backend
 from gscpe.render.renderer import Renderer
-from gscpe.render.similarity import local_correlation
+from gscpe.render.similarity import correlation_map, local_correlation
 from gscpe.render.view import RenderedView, Renders
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Renderer",
     "Renders",
     "choose_backend",
+    "correlation_map",
     "driver_info",
     "local_correlation",
 ]

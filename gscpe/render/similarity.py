@@ -39,6 +39,19 @@ def local_correlation(
     return float(np.mean(a * b)) / max(1.0, size)
 
 
+def correlation_map(
+    first: Float32Array, second: Float32Array, valid: BoolArray, window_sigma: float = 8.0
+) -> Float32Array:
+    """The local correlation that :func:`local_correlation` averages, (H, W) in [-1, 1]; NaN where
+    a place is not valid, or both images are flat."""
+    a, a_deviation = _normalize(first, valid, window_sigma)
+    b, b_deviation = _normalize(second, valid, window_sigma)
+    textured = valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
+    size = np.sqrt(_window(a * a, window_sigma) * _window(b * b, window_sigma))
+    correlation = _window(a * b, window_sigma) / np.maximum(size, 1e-6)
+    return np.where(textured, correlation, np.float32(np.nan))
+
+
 def _normalize(
     image: Float32Array, weight: Float32Array, total: Float32Array, sigma: float
 ) -> tuple[Float32Array, Float32Array]:
