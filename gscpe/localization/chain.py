@@ -10,7 +10,7 @@ from typing import Iterator, Sequence
 
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.clock import Clock
-from gscpe.localization.matchers import Matchers, NamedMatcher
+from gscpe.localization.matchers import Matchers
 from gscpe.localization.observer import Observer
 from gscpe.localization.places import Places
 from gscpe.localization.prepared import PreparedPhoto

@@ -20,6 +20,7 @@ class CertificateSettings:
         good_degrees: ... and this angle.
         usable_localized, usable_error, usable_degrees: the same of a usable map. One that is
             neither is poor.
+        renders: that a map without photos is certified by.
         pictures: of so many photos, at most: the worst ones, and others evenly.
         picture_width: pixels, each.
         max_bytes: of the page.
@@ -31,6 +32,7 @@ class CertificateSettings:
     usable_localized: float = 0.6
     usable_error: float = 0.01
     usable_degrees: float = 1.0
+    renders: int = 12
     pictures: int = 12
     picture_width: int = 480
     max_bytes: int = 4_000_000
@@ -45,6 +47,8 @@ class CertificateSettings:
             and 0 < self.good_degrees <= self.usable_degrees
         ):
             raise SettingsError("errors are positive, and a good map's not above a usable one's")
+        if self.renders < 1:
+            raise SettingsError("a certificate needs at least one render")
         if self.pictures < 0 or self.picture_width < 16 or self.max_bytes < 1:
             raise SettingsError("pictures need a width of at least 16 pixels")
 

@@ -55,9 +55,7 @@ def learn_vocabulary(
     return np.asarray(centres, dtype=np.float32)
 
 
-def _first_words(
-    descriptors: Float32Array, count: int, rng: np.random.Generator
-) -> Float32Array:
+def _first_words(descriptors: Float32Array, count: int, rng: np.random.Generator) -> Float32Array:
     """Descriptors, (K, C), that k-means begins with, far from each other (k-means++: Arthur and
     Vassilvitskii, SODA 2007). SciPy's own compares all words again for each new one."""
     from scipy.spatial.distance import cdist

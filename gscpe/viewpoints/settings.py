@@ -31,10 +31,12 @@ class ViewpointSettings:
         spacing: between neighbouring viewpoints, relative to the least extent of the splat's core.
         clearance: to the next surface at least, relative to the spacing.
         seeds: places that are tried first, spread over the free space.
-        grown: places beside good ones that are tried after that.
-        margin: in scores (natural logarithms) by which a view may be worse than the best.
+        grown: places beside good ones that are tried after that, ...
+        between: ... and at last, in steps half as long, between the good ones.
+        margin: in scores (natural logarithms) by which a view may be worse than the fifth best.
         yaw_step: degrees between views at one place.
-        pitch_down: degrees by which views look below the horizon, as photos mostly do.
+        pitch_down: degrees by which views look below the horizon; None: as far as the splat looks
+            best, which is how its photos mostly looked.
         min_covered: share of a view that must show the splat.
         max_thickness: standard deviation of depth along a ray relative to depth (median of a
             view), above which a view shows haze and no surface.
@@ -45,25 +47,26 @@ class ViewpointSettings:
 
     camera: Camera = field(default_factory=_typical_camera)
     up: tuple[float, float, float] | None = None
-    most: int = 200
+    most: int = 300
     spacing: float = 0.25
     clearance: float = 0.4
     seeds: int = 32
     grown: int = 96
-    margin: float = 1.5
+    between: int = 96
+    margin: float = 2.2
     yaw_step: float = 30.0
-    pitch_down: float = 10.0
+    pitch_down: float | None = None
     min_covered: float = 0.6
     max_thickness: float = 0.45
 
     def __post_init__(self) -> None:
-        if min(self.most, self.seeds) < 1 or self.grown < 0:
-            raise SettingsError("viewpoints need most and seeds >= 1, and grown >= 0")
+        if min(self.most, self.seeds) < 1 or min(self.grown, self.between) < 0:
+            raise SettingsError("viewpoints need most and seeds >= 1, grown and between >= 0")
         if not (0 < self.spacing < inf and 0 < self.clearance < inf and 0 < self.yaw_step <= 90):
             raise SettingsError(
                 "viewpoints need a positive spacing and clearance, and a yaw_step in (0, 90]"
             )
-        if not (0 <= self.margin < inf and -90 < self.pitch_down < 90):
+        if not (0 <= self.margin < inf and -90 < (self.pitch_down or 0.0) < 90):
             raise SettingsError("viewpoints need margin >= 0, and a pitch_down between -90 and 90")
         if not (0 <= self.min_covered <= 1 and self.max_thickness > 0):
             raise SettingsError("min_covered is a share in [0, 1], max_thickness is positive")
