@@ -8,7 +8,7 @@ pose) and the last; seconds a query. Then, if asked for, how often the whole pip
 pose without every third reference photo, and with the best one replaced by a random one.
 
 Usage: .venv/bin/python tools/bench_coarse.py MAP [--queries N] [--matchers NAME ...]
-           [--thin-references] [--keep-every 10] [--random-reference] [--backend NAME]
+           [--thin-references] [--random-reference] [--backend NAME]
 """
 
 from __future__ import annotations
@@ -113,9 +113,6 @@ def main() -> int:
     parser.add_argument("--matchers", nargs="+", choices=MATCHERS, default=list(MATCHERS))
     parser.add_argument("--backend", default="auto", choices=("auto", "gl", "cpu"))
     parser.add_argument("--thin-references", action="store_true", help="every third removed")
-    parser.add_argument(
-        "--keep-every", type=int, nargs="+", default=[], metavar="N", help="one reference of N"
-    )
     parser.add_argument("--random-reference", action="store_true", help="in place of the best")
     options = parser.parse_args()
     map_, cases = open_map(options.map), read_cases(redkitchen(), options.queries)
@@ -138,11 +135,6 @@ def main() -> int:
         print(f"\nWith {len(kept)} of {len(map_.references)} references:\n")
         thinned = [[name for name in names if name in kept] for names in ranked]
         _print_recovery(map_, matchers, cases, thinned, options.backend)
-    for every in options.keep_every:
-        kept = set(map_.references.names[::every])
-        print(f"\nWith {len(kept)} of {len(map_.references)} references:\n")
-        few = [[name for name in names if name in kept] for names in ranked]
-        _print_recovery(map_, matchers, cases, few, options.backend)
     if options.random_reference:
         print("\nWith a random reference in place of the best one:\n")
         drawn = np.random.default_rng(0).integers(len(map_.references), size=len(cases))

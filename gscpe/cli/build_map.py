@@ -6,10 +6,9 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from dataclasses import replace
 
+from gscpe.cli.build_map_alone import NOT_GOOD, from_splat_alone
 from gscpe.cli.common import Commands, add_backend, show_progress
-from gscpe.geometry.camera import Camera
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.mapping import (
     FrameCheckSettings,
@@ -17,7 +16,6 @@ from gscpe.mapping import (
     build_map,
     check_frames,
     check_map,
-    map_with_virtual_references,
     map_without_references,
     measure_misfit,
     read_transform,
@@ -30,11 +28,7 @@ from gscpe.scene.map_folder import check_map_output
 from gscpe.scene.moved import move_references, move_scene
 from gscpe.splats import GaussianScene, read_splat
 from gscpe.splats.splat_kind import may_have_other_axes
-from gscpe.viewpoints import ViewpointSettings, find_viewpoints
-
-_NOT_GOOD = 4
-"""Exit status: the map was written, but its references do not come back to their own poses."""
-
+from gscpe.viewpoints import ViewpointSettings
 
 _log = logging.getLogger(__name__)
 
@@ -93,7 +87,8 @@ def add_parser(commands: Commands) -> None:
         "--no-check",
         action="store_true",
         help="neither measure how splat and model fit together, nor localize a few of the photos "
-        "in the finished map to see that they come back to their poses",
+        "(with --virtual-references: of renders) in the finished map to see that they come back to "
+        "their poses",
     )
     parser.add_argument(
         "--fit",
@@ -150,7 +145,7 @@ def run(options: argparse.Namespace) -> int:
         return _without_references(settings, options)
     check_method(settings.retrieval)
     if options.virtual_references:
-        return _from_splat_alone(settings, options)
+        return from_splat_alone(settings, options)
     return _from_splat_and_photos(settings, moved_by, options)
 
 
@@ -223,23 +218,6 @@ def _from_splat_and_photos(
     return status
 
 
-def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int:
-    looked_for = ViewpointSettings(up=options.up)
-    if options.camera is not None:
-        looked_for = replace(looked_for, camera=Camera.typed(options.camera))
-    scene = read_splat(options.splat)
-    found = find_viewpoints(scene, looked_for, options.backend, progress=show_progress())
-    map_ = map_with_virtual_references(
-        scene, settings, found, options.backend, progress=show_progress()
-    )
-    save_map(map_, options.output, compress=options.compress)
-    up = ",".join(f"{x:.2f}" for x in found.up.round(2) + 0.0)  # no -0.00
-    print(f"{options.output}: {len(scene)} Gaussians, {map_.references.count_text()}, no photos")
-    if options.up is None:
-        print(f"up was taken to be {up}; if that is wrong, give --up=X,Y,Z")
-    return 0
-
-
 def _direction(text: str) -> tuple[float, float, float]:
     parts = text.split(",")
     if len(parts) != 3:
@@ -292,4 +270,4 @@ def _check_what_was_written(options: argparse.Namespace) -> int:
         f"gscpe build-map: {options.output} is written, but it is not good: {check}",
         file=sys.stderr,
     )
-    return _NOT_GOOD
+    return NOT_GOOD

@@ -10,7 +10,7 @@ from typing import Any, Literal, Sequence, TypeAlias
 
 import numpy as np
 
-from gscpe.errors import MapError
+from gscpe.errors import MapError, OutputError
 from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.making.settings import CertificateSettings
 from gscpe.scene.map_folder import CERTIFICATE
@@ -18,6 +18,21 @@ from gscpe.scene.map_folder import CERTIFICATE
 Verdict: TypeAlias = Literal["good", "usable", "poor"]
 
 _VERSION = 1
+
+_OF_PHOTOS: dict[Verdict, str] = {
+    "good": "It can be relied on for photos like these.",
+    "usable": "Most photos will be found; for better ones, train longer (--minutes), and "
+    "take more photos, closer to each other and sharp.",
+    "poor": "Do not rely on it. Take more photos, half a step apart, sharp and in even "
+    "light, and train longer (--minutes).",
+}
+_OF_RENDERS: dict[Verdict, str] = {
+    "good": "Photos from between the viewpoints will mostly be found; whether people take theirs "
+    "there, only photos can tell.",
+    "usable": "Some photos will not be found.",
+    "poor": "Do not rely on it: look at the viewpoints (gscpe view), and give --up and --camera, "
+    "or build the map with photos and their poses (--colmap, --images).",
+}
 
 
 @dataclass(frozen=True)
@@ -55,6 +70,8 @@ class Certificate:
         learned: number of photos that the map is made of.
         gaussians: of the map.
         settings: that the verdict is by.
+        of_renders: the "photos" are renders, made worse, from poses beside virtual references:
+            the map was made of no photo.
     """
 
     photos: tuple[CertifiedPhoto, ...]
@@ -63,6 +80,7 @@ class Certificate:
     learned: int
     gaussians: int
     settings: CertificateSettings
+    of_renders: bool = False
 
     @property
     def localized(self) -> float:
@@ -120,27 +138,26 @@ class Certificate:
         """The verdict in plain words."""
         count = len(self.photos)
         found = sum(photo.reason is None for photo in self.photos)
+        what = "render" if self.of_renders else "photo"
+        left_out = "from beside its viewpoints" if self.of_renders else "that it was not made of"
         measured = (
-            f"{found} of the {count} photos that it was not made of are localized"
+            f"{found} of the {count} {what}s {left_out} are localized"
             if count > 1
-            else f"the photo that it was not made of is {'' if found else 'not '}localized"
+            else f"the {what} {left_out} is {'' if found else 'not '}localized"
         )
         if found:
+            whence = (
+                "they were rendered" if self.of_renders else "structure from motion placed them"
+            )
             measured += (
                 f", typically {self.length(self.median_distance)} "
                 f"({100 * self.relative_error:.2g}% of the scene's size) and "
-                f"{degrees_text(self.median_degrees)} from where structure from motion placed them"
+                f"{degrees_text(self.median_degrees)} from where {whence}"
             )
-        advice = {
-            "good": "It can be relied on for photos like these.",
-            "usable": "Most photos will be found; for better ones, train longer (--minutes), and "
-            "take more photos, closer to each other and sharp.",
-            "poor": "Do not rely on it. Take more photos, half a step apart, sharp and in even "
-            "light, and train longer (--minutes).",
-        }
+        advice = _OF_RENDERS if self.of_renders else _OF_PHOTOS
         text = f"The map is {self.verdict}: {measured}. {advice[self.verdict]}"
         if count < 5:
-            text += f" But {count} photo{'s' * (count > 1)} left out say little."
+            text += f" But {count} {what}{'s' * (count > 1)} left out say little."
         return text
 
     def worst_first(self) -> list[CertifiedPhoto]:
@@ -170,6 +187,19 @@ class Certificate:
         return json.dumps(data, indent=1, allow_nan=False) + "\n"
 
 
+def write_certificate(map_folder: str | Path, certificate: Certificate) -> None:
+    """Writes ``certificate.json`` into the folder of a map.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    path = Path(map_folder) / CERTIFICATE
+    try:
+        path.write_text(certificate.to_json(), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error}") from error
+
+
 def read_certificate(map_folder: str | Path) -> Certificate | None:
     """The certificate of a map; None where it has none.
 
@@ -188,6 +218,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
             learned=int(data["learned"]),
             gaussians=int(data["gaussians"]),
             settings=CertificateSettings(**data["settings"]),
+            of_renders=bool(data.get("of_renders", False)),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise MapError(f"{path} is damaged ({error}); delete it, or make the map again") from error

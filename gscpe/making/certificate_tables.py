@@ -12,21 +12,30 @@ from gscpe.making.certificate import Certificate
 
 def summary_table(certificate: Certificate) -> Table:
     """The numbers of the whole."""
-    rows = (
-        ("photos left out", str(len(certificate.photos))),
+    renders = certificate.of_renders
+    rows = [
+        ("renders" if renders else "photos left out", str(len(certificate.photos))),
         ("localized", share_text(certificate.localized)),
         ("median position error", certificate.length(certificate.median_distance)),
         ("... of the scene's size", f"{number_text(100 * certificate.relative_error, 3)}%"),
         ("median rotation error", degrees_text(certificate.median_degrees)),
         ("within 0.2% of the scene's size", share_text(certificate.within(0.002))),
         ("scene's size", certificate.length(certificate.scene_size)),
-        ("PSNR", f"{number_text(certificate.mean('psnr'), 2)} dB"),
-        ("... with exposure fitted", f"{number_text(certificate.mean('fitted_psnr'), 2)} dB"),
-        ("SSIM", number_text(certificate.mean("ssim"), 3)),
-        ("photos that the map is made of", str(certificate.learned)),
+    ]
+    if not renders:
+        rows += [
+            ("PSNR", f"{number_text(certificate.mean('psnr'), 2)} dB"),
+            ("... with exposure fitted", f"{number_text(certificate.mean('fitted_psnr'), 2)} dB"),
+            ("SSIM", number_text(certificate.mean("ssim"), 3)),
+        ]
+    rows += [
+        (
+            "virtual references" if renders else "photos that the map is made of",
+            str(certificate.learned),
+        ),
         ("Gaussians", str(certificate.gaussians)),
-    )
-    return Table("Certificate", ("", "value"), rows, words=("value",))
+    ]
+    return Table("Certificate", ("", "value"), tuple(rows), words=("value",))
 
 
 def photo_table(certificate: Certificate) -> Table:

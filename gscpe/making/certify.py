@@ -9,8 +9,9 @@ from typing import Sequence
 import numpy as np
 from tqdm import tqdm
 
-from gscpe.arrays import Float32Array, Float64Array
+from gscpe.arrays import Float32Array, Float64Array, UInt8Array
 from gscpe.errors import MapError
+from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centres, pose_difference
 from gscpe.localization import Localizer
 from gscpe.making.certificate import Certificate, CertifiedPhoto
@@ -60,23 +61,15 @@ def certify(
             disable=not progress,
         ):
             image = read_image_of(Path(image_folder) / name, camera)
-            result = localizer.localize(image, camera)
-            photo = localizer.at_the_maps_resolution(to_photo(image, camera))
-            view = localizer.render(photo.camera, pose)
-            if np.any(view.depth > 0):
-                depths.append(float(np.median(view.depth[view.depth > 0])))
-            shown = np.clip(view.rgb, 0.0, 1.0)
-            truth = photo.rgb.astype(np.float32) / np.float32(255.0)
-            images[name] = truth, shown
-            distance = degrees = None
-            if result.cam_from_world is not None:
-                off = pose_difference(result.cam_from_world, pose)
-                distance, degrees = float(off.distance), float(off.degrees)
-            likeness = _likeness(photo, truth, shown)
-            photos.append(CertifiedPhoto(name, result.reason, distance, degrees, *likeness))
+            photo, pictures, depth = certified_photo(localizer, name, image, camera, pose)
+            photos.append(photo)
+            images[name] = pictures
+            depths += [depth] if depth else []
     certificate = Certificate(
         photos=tuple(photos),
-        scene_size=_scene_size(map_.world_references.cam_from_world, left_out, depths),
+        scene_size=scene_size(
+            map_.world_references.cam_from_world, left_out.cam_from_world, depths
+        ),
         metres_per_unit=map_.metres_per_unit,
         learned=len(map_.references),
         gaussians=len(map_.scene),
@@ -84,6 +77,41 @@ def certify(
     )
     kept = _to_show([photo.name for photo in certificate.worst_first()], settings.pictures)
     return certificate, {name: images[name] for name in kept}
+
+
+def certified_photo(
+    localizer: Localizer,
+    name: str,
+    image: UInt8Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+) -> tuple[CertifiedPhoto, tuple[Float32Array, Float32Array], float]:
+    """Localizes a photo, and renders the map from where it was taken.
+
+    Args:
+        localizer: of the map.
+        name: of the photo.
+        image: (H, W, 3) uint8.
+        camera: of it.
+        cam_from_world: (4, 4), its pose.
+
+    Returns:
+        What came of it; photo and render, (H, W, 3) in [0, 1]; the median depth, world units, 0
+        where nothing is seen.
+    """
+    result = localizer.localize(image, camera)
+    photo = localizer.at_the_maps_resolution(to_photo(image, camera))
+    view = localizer.render(photo.camera, cam_from_world)
+    depth = float(np.median(view.depth[view.depth > 0])) if np.any(view.depth > 0) else 0.0
+    shown = np.clip(view.rgb, 0.0, 1.0)
+    truth = photo.rgb.astype(np.float32) / np.float32(255.0)
+    distance = degrees = None
+    if result.cam_from_world is not None:
+        off = pose_difference(result.cam_from_world, cam_from_world)
+        distance, degrees = float(off.distance), float(off.degrees)
+    likeness = _likeness(photo, truth, shown)
+    certified = CertifiedPhoto(name, result.reason, distance, degrees, *likeness)
+    return certified, (truth, shown), depth
 
 
 def _likeness(photo: Photo, truth: Float32Array, shown: Float32Array) -> tuple[float, float, float]:
@@ -107,9 +135,14 @@ def _psnr(x: Float32Array, y: Float32Array) -> float:
     return -10.0 * float(np.log10(max(float(np.mean((x - y) ** 2)), 1e-10)))
 
 
-def _scene_size(learned: Float64Array, left_out: References, depths: Sequence[float]) -> float:
-    poses = np.concatenate([learned, left_out.cam_from_world])
-    centres = camera_centres(poses)
+def scene_size(references: Float64Array, left_out: Float64Array, depths: Sequence[float]) -> float:
+    """World units: the largest distance between two cameras, or the median depth.
+
+    Args:
+        references, left_out: (N, 4, 4) and (M, 4, 4), world to camera.
+        depths: median of each of those left out.
+    """
+    centres = camera_centres(np.concatenate([references, left_out]))
     apart = max(float(np.linalg.norm(centres - centre, axis=1).max()) for centre in centres)
     return max(apart, float(np.median(depths)) if depths else 0.0, 1e-12)
 

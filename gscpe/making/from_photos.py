@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Callable, Sequence
 import numpy as np
 
 from gscpe.errors import OutputError, SettingsError
-from gscpe.making.certificate import Certificate
+from gscpe.making.certificate import Certificate, write_certificate
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.certify import certify
 from gscpe.making.settings import MakeMapSettings
@@ -31,7 +31,7 @@ from gscpe.reconstruction.known_poses import fingerprint, known_model
 from gscpe.retrieval import check_method
 from gscpe.scene import References, open_map, save_map
 from gscpe.scene.colmap_model import read_colmap_references
-from gscpe.scene.map_folder import CERTIFICATE, CERTIFICATE_PAGE, check_map_output
+from gscpe.scene.map_folder import CERTIFICATE_PAGE, check_map_output
 from gscpe.splats import read_splat
 
 if TYPE_CHECKING:  # importing it needs Numba
@@ -156,10 +156,7 @@ def make_map(
         page = output / CERTIFICATE_PAGE
         facts = {"structure from motion": str(reconstruction)} if reconstruction else {}
         write_certificate_page(page, output.name, certificate, pictures, facts)
-        try:
-            (output / CERTIFICATE).write_text(certificate.to_json(), encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{output / CERTIFICATE} cannot be written: {error}") from error
+        write_certificate(output, certificate)
     (work / _FINISHED).touch()
     return MadeMap(output, len(scene), len(learned), reconstruction, certificate, page)
 

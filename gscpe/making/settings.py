@@ -21,6 +21,7 @@ class CertificateSettings:
         good_degrees: ... and this angle.
         usable_localized, usable_error, usable_degrees: the same of a usable map. One that is
             neither is poor.
+        renders: that a map without photos is certified by.
         pictures: of so many photos, at most: the worst ones, and others evenly.
         picture_width: pixels, each.
         max_bytes: of the page.
@@ -32,6 +33,7 @@ class CertificateSettings:
     usable_localized: float = 0.6
     usable_error: float = 0.01
     usable_degrees: float = 1.0
+    renders: int = 12
     pictures: int = 12
     picture_width: int = 480
     max_bytes: int = 4_000_000
@@ -41,7 +43,7 @@ class CertificateSettings:
         check_numbers(self, "good_error", "good_degrees", "usable_error", "usable_degrees", above=0)
         check_whole(self, "pictures", least=0)
         check_whole(self, "picture_width", least=16)
-        check_whole(self, "max_bytes", least=1)
+        check_whole(self, "max_bytes", "renders", least=1)
         if (
             self.usable_localized > self.good_localized
             or self.good_error > self.usable_error

@@ -24,12 +24,7 @@ def local_correlation(
     Returns:
         The correlation over valid pixels; NaN where too few have anything to compare.
     """
-    weight = valid.astype(np.float32)
-    total = np.maximum(local_mean(weight, window_sigma), np.float32(1e-3))
-    a, a_deviation = _normalize(first, weight, total, window_sigma)
-    b, b_deviation = _normalize(second, weight, total, window_sigma)
-    # Textured where either image says so: a flat render of a textured place disagrees.
-    textured = valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
+    a, b, textured = _normalized(first, second, valid, window_sigma)
     if np.count_nonzero(textured) < _MIN_PIXELS:
         return float("nan")
     a, b = a[textured], b[textured]
@@ -44,12 +39,22 @@ def correlation_map(
 ) -> Float32Array:
     """The local correlation that :func:`local_correlation` averages, (H, W) in [-1, 1]; NaN where
     a place is not valid, or both images are flat."""
-    a, a_deviation = _normalize(first, valid, window_sigma)
-    b, b_deviation = _normalize(second, valid, window_sigma)
-    textured = valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
-    size = np.sqrt(_window(a * a, window_sigma) * _window(b * b, window_sigma))
-    correlation = _window(a * b, window_sigma) / np.maximum(size, 1e-6)
+    a, b, textured = _normalized(first, second, valid, window_sigma)
+    both, of_a, of_b = (local_mean(x, window_sigma) for x in (a * b, a * a, b * b))
+    correlation = at_full_size(both / np.maximum(np.sqrt(of_a * of_b), np.float32(1e-6)), a)
     return np.where(textured, correlation, np.float32(np.nan))
+
+
+def _normalized(
+    first: Float32Array, second: Float32Array, valid: BoolArray, sigma: float
+) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Both with local mean 0 and deviation 1; and which valid pixels have something to compare."""
+    weight = valid.astype(np.float32)
+    total = np.maximum(local_mean(weight, sigma), np.float32(1e-3))
+    a, a_deviation = _normalize(first, weight, total, sigma)
+    b, b_deviation = _normalize(second, weight, total, sigma)
+    # Textured where either image says so: a flat render of a textured place disagrees.
+    return a, b, valid & (np.maximum(a_deviation, b_deviation) > 2.0 * _MIN_STANDARD_DEVIATION)
 
 
 def _normalize(

@@ -8,16 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import Float64Array
+from gscpe.errors import MapError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.spread import farthest_first
 from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import main_axes
 from gscpe.viewpoints.lattice import lattice_spacing
-from gscpe.viewpoints.places import FACES, Place, PlaceSearch
+from gscpe.viewpoints.places import FIFTH, NOTHING, OUT_OF_SIGHT, PlaceSearch
 from gscpe.viewpoints.settings import ViewpointSettings
 from gscpe.viewpoints.space import Space
 from gscpe.viewpoints.upright import axes_along, find_up
+from gscpe.viewpoints.views import find_pitch, views_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,54 +71,31 @@ def find_viewpoints(
     search = PlaceSearch(scene, space, settings, backend, progress)
     seeds = search.spread_out()
     up = find_up(scene, space, seeds) if given is None else given
-    poses = search.usable(_views(search.good(up), space, up, settings))
+    places = search.good(up)
+    down = settings.pitch_down
+    if down is None:
+        down = find_pitch(places, space, up, search)
+    candidates = views_of(places, space, up, settings, down)
+    poses = _chosen(candidates, search.rated(candidates, "looking at views"), space, settings)
     poses[:, :3, 3] -= poses[:, :3, :3] @ scene.origin
     return Viewpoints(poses, settings.camera, up, given is not None)
 
 
-def _views(
-    places: list[Place], space: Space, up: Float64Array, settings: ViewpointSettings
+def _chosen(
+    cam_from_scene: Float64Array, scores: Float64Array, space: Space, settings: ViewpointSettings
 ) -> Float64Array:
-    """World-to-camera poses, (N, 4, 4), relative to the scene's origin; where there are more than
-    are wanted, those that are far from each other."""
-    limit = min(place.best for place in places)
-    views = [
-        _looking(space.axes @ place.point, forward, up)
-        for place in places
-        for (axis, sign), score in zip(FACES, place.scores, strict=True)
-        if score >= limit
-        for forward in _directions(sign * space.axes[:, axis], up, settings)
-    ]
-    poses = np.array(views)
+    """Of (N, 4, 4) poses those with a good score, the best first; where there are more than are
+    wanted, those that are far from each other."""
+    order = np.argsort(-scores, kind="stable")
+    best = scores[order]
+    limit = best[min(FIFTH, len(best) - 1)] - settings.margin
+    kept = order[best >= max(limit, OUT_OF_SIGHT / 2)]
+    if not len(kept):
+        raise MapError(NOTHING)
+    poses = np.asarray(cam_from_scene[kept])
     if len(poses) <= settings.most:
         return poses
     # A step of yaw is as far as a step of place.
     turn = 2.0 * np.sin(0.5 * np.deg2rad(settings.yaw_step))
     steps = camera_centres(poses) / lattice_spacing(space, settings)
     return poses[farthest_first(np.hstack([steps, poses[:, 2, :3] / turn]), settings.most)]
-
-
-def _directions(
-    level: Float64Array, up: Float64Array, settings: ViewpointSettings
-) -> list[Float64Array]:
-    """Where upright cameras look within the 90 degrees around a level main axis."""
-    half = int(np.floor(45.0 / settings.yaw_step))
-    yaws = settings.yaw_step * np.arange(-half, half + 1)
-    return [_turned(level, up, float(yaw), settings.pitch_down) for yaw in yaws]
-
-
-def _turned(level: Float64Array, up: Float64Array, yaw: float, down: float) -> Float64Array:
-    """A level direction turned about up, then lowered; degrees."""
-    yaw, down = np.deg2rad(yaw), np.deg2rad(down)
-    turned = np.cos(yaw) * level + np.sin(yaw) * np.cross(up, level)
-    return np.asarray(np.cos(down) * turned - np.sin(down) * up)
-
-
-def _looking(centre: Float64Array, forward: Float64Array, up: Float64Array) -> Float64Array:
-    """World to camera, (4, 4), of an upright camera."""
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    pose[:3, 3] = -pose[:3, :3] @ centre
-    return pose

@@ -51,6 +51,27 @@ def free_points(space: Space, settings: ViewpointSettings) -> tuple[Float64Array
     return points[free], enclosure
 
 
+def points_between(
+    good: Float64Array, points: Float64Array, space: Space, settings: ViewpointSettings
+) -> Float64Array:
+    """Points half a step of the lattice from good ones, (M, 3) along the main axes.
+
+    Args:
+        good: (N, 3), good points of the lattice.
+        points: (P, 3), all of its points in free space.
+        space: the occupancy.
+        settings: half of their clearance is enough here, where views have been found good.
+    """
+    half = 0.5 * lattice_spacing(space, settings)
+    steps = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = np.rint((good[:, None] + half * steps - space.corner) / half).astype(int)
+    added = space.corner + half * np.unique(cells.reshape(-1, 3), axis=0)
+    known = {tuple(cell) for cell in np.rint((points - space.corner) / half).astype(int)}
+    new = [tuple(cell) not in known for cell in np.rint((added - space.corner) / half).astype(int)]
+    added = added[np.array(new, dtype=bool)]
+    return np.asarray(added[space.clearance(added) >= settings.clearance * half])
+
+
 def usual_heights(heights: Float64Array, scene: GaussianScene, up: Float64Array) -> BoolArray:
     """Which of some heights, (N,), cameras are carried at: near the median of what there is, not
     on the floor and not high above.
@@ -62,5 +83,5 @@ def usual_heights(heights: Float64Array, scene: GaussianScene, up: Float64Array)
     """
     low, middle = np.quantile(scene.means[solid(scene)].astype(np.float64) @ up, (0.05, 0.5))
     return np.asarray(
-        (heights >= middle - 0.5 * (middle - low)) & (heights <= middle + 2.0 * (middle - low))
+        (heights >= middle - 0.8 * (middle - low)) & (heights <= middle + 2.0 * (middle - low))
     )

@@ -8,7 +8,7 @@ then more of them, first those whose nearest known place is good and far away.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Iterable, TypeVar
+from typing import Iterable, Sequence, TypeVar
 
 import numpy as np
 from tqdm import tqdm
@@ -19,7 +19,13 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.spread import farthest_first
 from gscpe.render import Renderer
 from gscpe.splats import GaussianScene
-from gscpe.viewpoints.lattice import INSTEAD, free_points, lattice_spacing, usual_heights
+from gscpe.viewpoints.lattice import (
+    INSTEAD,
+    free_points,
+    lattice_spacing,
+    points_between,
+    usual_heights,
+)
 from gscpe.viewpoints.quality import distance_penalty, is_usable, view_quality
 from gscpe.viewpoints.settings import ViewpointSettings
 from gscpe.viewpoints.space import Space
@@ -33,15 +39,17 @@ _PREVIEW = 160
 _ROOM, _OUTSIDE = 0.8, 0.5
 """Where a good place sees something in this share of all directions, the splat is a closed room,
 and places that see less than this are outside of it."""
-_FIFTH = 4
+FIFTH = 4
 """Scores are compared with that of the fifth best place: the very best may be an exception."""
+_ENCLOSED = 0.3
+"""Score for being e times as enclosed: photos of a building's outside are taken in the open."""
 _CURIOSITY = 0.75
 """Score that is made up for by being e times as far from the nearest known place."""
-_NOTHING = (
+NOTHING = (
     "no viewpoint can be found: from nowhere in the free space does the splat show surfaces; "
     + INSTEAD
 )
-_OUT_OF_SIGHT = -1e9
+OUT_OF_SIGHT = -1e9
 
 FACES = ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1))
 """The six directions: main axis, and sign."""
@@ -103,12 +111,13 @@ class PlaceSearch:
         chosen = farthest_first(self._points, self._settings.seeds, self._enclosure)
         self._look(chosen, FACES, "looking around")
         places = list(self._tried.values())
-        if max(place.best for place in places) <= _OUT_OF_SIGHT / 2:
-            raise MapError(_NOTHING)
+        if max(place.best for place in places) <= OUT_OF_SIGHT / 2:
+            raise MapError(NOTHING)
         return places
 
     def good(self, up: Float64Array) -> list[Place]:
-        """The places with good level views, best first, of these and of more where they are good.
+        """The places with good level views, best first, of these, of more where they are good,
+        and of others between those.
 
         The next place that is tried is one whose nearest known place is good, and far away.
 
@@ -121,17 +130,26 @@ class PlaceSearch:
         height = self._space.axes.T @ up
         vertical = int(np.argmax(np.abs(height)))
         level = tuple(face for face in FACES if face[0] != vertical)
-        usual = usual_heights(self._points @ height, self._scene, self._space.axes @ height)
+        usual = np.flatnonzero(
+            usual_heights(self._points @ height, self._scene, self._space.axes @ height)
+        )
         for index, place in self._tried.items():
             self._tried[index] = replace(place, scores=_level(place.scores, vertical))
-        self._grow(np.flatnonzero(usual), level)
-        return _good([p for k, p in self._tried.items() if usual[k]], self._settings)
+        if not len(usual):
+            raise MapError(NOTHING)
+        self._grow(usual, level, self._settings.grown, "looking closer")
+        between = self._between([int(k) for k in usual if int(k) in self._tried], height)
+        self._grow(between, level, self._settings.between, "looking between")
+        known = {*usual.tolist(), *between.tolist()}
+        return _good([p for k, p in self._tried.items() if k in known], self._settings)
 
-    def usable(self, cam_from_scene: Float64Array) -> Float64Array:
-        """Those of (N, 4, 4) poses whose own views show enough, and nothing too near.
+    def rated(self, cam_from_scene: Float64Array, what: str) -> Float64Array:
+        """Scores, (N,), of (N, 4, 4) poses by small renders of the views themselves; -1e9 where one
+        does not show enough, or something too near.
 
-        Raises:
-            MapError: none does.
+        Args:
+            cam_from_scene: the poses.
+            what: shown beside the bar.
         """
         camera = self._settings.camera
         longest = max(camera.width, camera.height)
@@ -140,27 +158,38 @@ class PlaceSearch:
             max(1, round(scale * camera.width)), max(1, round(scale * camera.height))
         )
         with Renderer(*self._renderer()) as renderer:
-            kept = [
-                pose
-                for pose in self._bar(cam_from_scene, "looking at views", "view")
-                if is_usable(
-                    view_quality(renderer.render(small, pose)), self._space, self._settings
-                )
-            ]
-        if not kept:
-            raise MapError(_NOTHING)
-        return np.array(kept)
+            return np.array(
+                [
+                    _rated(renderer, small, pose, self._space, self._settings)
+                    for pose in self._bar(cam_from_scene, what, "view")
+                ]
+            )
 
-    def _grow(self, allowed: IntArray, level: tuple[tuple[int, int], ...]) -> None:
-        """Looks from more of the allowed points, as many as the settings say."""
+    def _between(self, known: Sequence[int], height: Float64Array) -> IntArray:
+        """Adds points half a step from good places, where cameras may be nearer to surfaces than
+        the lattice allows; indices of those at heights that cameras are carried at."""
+        good = _good([self._tried[k] for k in known], self._settings)
+        added = points_between(
+            np.array([place.point for place in good]), self._points, self._space, self._settings
+        )
+        added = added[usual_heights(added @ height, self._scene, self._space.axes @ height)]
+        first = len(self._points)
+        self._points = np.concatenate([self._points, added])
+        self._enclosure = np.concatenate([self._enclosure, self._space.enclosure(added)])
+        return np.arange(first, len(self._points))
+
+    def _grow(
+        self, allowed: IntArray, level: tuple[tuple[int, int], ...], most: int, what: str
+    ) -> None:
+        """Looks from more of the allowed points."""
         if not len(allowed):
-            raise MapError(_NOTHING)
+            return
         tried = list(self._tried)
         far = np.linalg.norm(self._points[allowed, None] - self._points[None, tried], axis=2)
         nearest, score = far.min(axis=1), np.array([self._tried[k].best for k in tried])
         expected = score[far.argmin(axis=1)]
         with Renderer(*self._renderer()) as renderer:
-            for _ in self._bar(range(min(self._settings.grown, len(allowed))), "looking closer"):
+            for _ in self._bar(range(min(most, len(allowed))), what):
                 with np.errstate(divide="ignore"):
                     worth = expected + _CURIOSITY * np.log(nearest / self._spacing)
                 index = int(allowed[int(np.argmax(worth))])
@@ -186,10 +215,10 @@ class PlaceSearch:
 
     def _from(self, renderer: Renderer, index: int, faces: tuple[tuple[int, int], ...]) -> Place:
         point, enclosure = self._points[index], float(self._enclosure[index])
-        scores = np.full(len(FACES), _OUT_OF_SIGHT)
+        scores = np.full(len(FACES), OUT_OF_SIGHT)
         for axis, sign in faces:
             seen = _score(renderer, self._space, point, axis, sign, self._settings)
-            scores[FACES.index((axis, sign))] = seen + np.log(enclosure)
+            scores[FACES.index((axis, sign))] = seen + _ENCLOSED * np.log(enclosure)
         return Place(point, enclosure, scores)
 
 
@@ -210,23 +239,33 @@ def _score(
     cam_from_scene[:3, 3] = -rotation @ (space.axes @ point)
     half = _SIDE / 2
     camera = Camera.pinhole(_SIDE, _SIDE, fx=half, fy=half, cx=half, cy=half)
+    return _rated(renderer, camera, cam_from_scene, space, settings)
+
+
+def _rated(
+    renderer: Renderer,
+    camera: Camera,
+    cam_from_scene: Float64Array,
+    space: Space,
+    settings: ViewpointSettings,
+) -> float:
     quality = view_quality(renderer.render(camera, cam_from_scene))
     if not is_usable(quality, space, settings):
-        return _OUT_OF_SIGHT
+        return OUT_OF_SIGHT
     return quality.score - distance_penalty(quality.depth, space)
 
 
 def _level(scores: Float64Array, vertical: int) -> Float64Array:
     axes = np.array([axis for axis, _ in FACES])
-    return np.where(axes == vertical, _OUT_OF_SIGHT, scores)
+    return np.where(axes == vertical, OUT_OF_SIGHT, scores)
 
 
 def _good(places: list[Place], settings: ViewpointSettings) -> list[Place]:
     ranked = sorted(places, key=lambda place: -place.best)
-    if not ranked or ranked[0].best <= _OUT_OF_SIGHT / 2:
-        raise MapError(_NOTHING)
-    limit = ranked[min(_FIFTH, len(ranked) - 1)].best - settings.margin
-    good = [p for p in ranked if p.best >= max(limit, _OUT_OF_SIGHT / 2)]
+    if not ranked or ranked[0].best <= OUT_OF_SIGHT / 2:
+        raise MapError(NOTHING)
+    limit = ranked[min(FIFTH, len(ranked) - 1)].best - settings.margin
+    good = [p for p in ranked if p.best >= max(limit, OUT_OF_SIGHT / 2)]
     if max(place.enclosure for place in good) >= _ROOM:
         good = [place for place in good if place.enclosure >= _OUTSIDE]
     return good

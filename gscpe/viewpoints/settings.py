@@ -42,10 +42,12 @@ class ViewpointSettings:
         spacing: between neighbouring viewpoints, relative to the least extent of the splat's core.
         clearance: to the next surface at least, relative to the spacing.
         seeds: places that are tried first, spread over the free space.
-        grown: places beside good ones that are tried after that.
-        margin: in scores (natural logarithms) by which a view may be worse than the best.
+        grown: places beside good ones that are tried after that, ...
+        between: ... and at last, in steps half as long, between the good ones.
+        margin: in scores (natural logarithms) by which a view may be worse than the fifth best.
         yaw_step: degrees between views at one place.
-        pitch_down: degrees by which views look below the horizon, as photos mostly do.
+        pitch_down: degrees by which views look below the horizon; None: as far as the splat looks
+            best, which is how its photos mostly looked.
         min_covered: share of a view that must show the splat.
         max_thickness: standard deviation of depth along a ray relative to depth (median of a
             view), above which a view shows haze and no surface.
@@ -56,26 +58,27 @@ class ViewpointSettings:
 
     camera: Camera = field(default_factory=_typical_camera)
     up: tuple[float, float, float] | None = None
-    most: int = 200
+    most: int = 300
     spacing: float = 0.25
     clearance: float = 0.4
     seeds: int = 32
     grown: int = 96
-    margin: float = 1.5
+    between: int = 96
+    margin: float = 2.2
     yaw_step: float = 30.0
-    pitch_down: float = 10.0
+    pitch_down: float | None = None
     min_covered: float = 0.6
     max_thickness: float = 0.45
 
     def __post_init__(self) -> None:
         check_kinds(self, camera=Camera, up=(tuple, NoneType))
         check_whole(self, "most", "seeds", least=1)
-        check_whole(self, "grown", least=0)
+        check_whole(self, "grown", "between", least=0)
         check_numbers(self, "spacing", "clearance", above=0)
         check_numbers(self, "max_thickness", above=0, infinite=True)
         check_numbers(self, "margin", least=0)
         check_numbers(self, "yaw_step", above=0, most=90)
-        check_numbers(self, "pitch_down", above=-90, below=90)
+        check_numbers(self, "pitch_down", above=-90, below=90, optional=True)
         check_shares(self, "min_covered")
         if min(self.camera.width, self.camera.height) < _LEAST_SIDE:
             raise SettingsError(

@@ -11,10 +11,11 @@ import pytest
 from helpers import write_splat
 from scenes import furnished_room, splat_of
 
-from gscpe.cli import build_map
+from gscpe.cli import build_map_alone
 from gscpe.cli.main import main
 from gscpe.geometry import Camera
-from gscpe.scene import open_map
+from gscpe.making import Certificate, CertificateSettings, CertifiedPhoto, read_certificate
+from gscpe.scene import Map, open_map
 from gscpe.viewpoints import ViewpointSettings
 
 CAMERA = "PINHOLE,120,90,100,100,60,45"
@@ -30,8 +31,8 @@ def splat(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer places and views than usual, to be quick."""
-    quick = functools.partial(ViewpointSettings, most=12, seeds=6, grown=6)
-    monkeypatch.setattr(build_map, "ViewpointSettings", quick)
+    quick = functools.partial(ViewpointSettings, most=12, seeds=6, grown=6, between=6)
+    monkeypatch.setattr(build_map_alone, "ViewpointSettings", quick)
 
 
 @pytest.mark.usefixtures("few")
@@ -40,8 +41,9 @@ def test_a_map_is_made_of_a_splat_alone(
 ) -> None:
     output = tmp_path / "m.gsmap"
     command = ["build-map", str(splat), "--virtual-references", "--camera", CAMERA]
-    assert main([*command, "--output", str(output)]) == 0
+    assert main([*command, "--output", str(output), "--no-check"]) == 0
     printed = capsys.readouterr().out
+    assert read_certificate(output) is None
     map_ = open_map(output)
     assert f"{len(map_.references)} virtual references, no photos" in printed
     assert "up was taken to be" in printed and "--up" in printed
@@ -57,11 +59,53 @@ def test_what_is_up_can_be_said(
 ) -> None:
     command = ["build-map", str(splat), "--virtual-references", "--camera", CAMERA]
     output = str(tmp_path / "m.gsmap")
-    assert main([*command, "--up=0,0,-1", "--unknown-scale", "--output", output]) == 0
+    options = ["--no-check", "--unknown-scale", "--output", output]
+    assert main([*command, "--up=0,0,-1", *options]) == 0
     assert "up was taken" not in capsys.readouterr().out
     map_ = open_map(output)
     assert map_.metres_per_unit is None
     assert (map_.references.cam_from_world[:, 1, 2]).min() > 0.9  # the images' down is +z
+
+
+def certificate_of(found: int, distance: float) -> Certificate:
+    """Of so many of four renders that were localized."""
+    lost = CertifiedPhoto("render 4", "no matches", None, None, 20.0, 20.0, 0.9)
+    good = CertifiedPhoto("render 1", None, distance, 0.01, 20.0, 20.0, 0.9)
+    photos = (good,) * found + (lost,) * (4 - found)
+    return Certificate(photos, 4.0, 1.0, 12, 100, CertificateSettings(), of_renders=True)
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize(
+    "certificate, status, said",
+    [
+        (certificate_of(4, 0.002), 0, "The map is good: 4 of the 4 renders"),
+        (certificate_of(3, 0.002), 0, "The map is usable: 3 of the 4 renders"),
+        (certificate_of(1, 0.002), 4, "The map is poor: 1 of the 4 renders"),
+        (certificate_of(4, 0.3), 4, "Do not rely on it"),
+    ],
+)
+def test_a_poor_map_is_written_but_said_to_be_poor(
+    certificate: Certificate,
+    status: int,
+    said: str,
+    splat: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def certify(map_: Map, **_: object) -> Certificate:
+        assert map_.references.virtual
+        return certificate
+
+    monkeypatch.setattr(build_map_alone, "certify_virtual", certify)
+    output = tmp_path / "m.gsmap"
+    command = ["build-map", str(splat), "--virtual-references", "--camera", CAMERA, "--up=0,0,1"]
+    assert main([*command, "--output", str(output)]) == status
+    printed = capsys.readouterr()
+    assert said in (printed.out if certificate.verdict == "good" else printed.err)
+    assert ("no matches" in printed.err) == (certificate.localized < 1)
+    assert read_certificate(output) == certificate
 
 
 @pytest.mark.parametrize(

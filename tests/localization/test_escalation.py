@@ -10,7 +10,15 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import LocalizationResult, Localizer, LocalizerSettings, PosePrior
+from gscpe import (
+    Camera,
+    EasySettings,
+    LocalizationResult,
+    Localizer,
+    LocalizerSettings,
+    PosePrior,
+    RenderedView,
+)
 from gscpe.arrays import BoolArray, UInt8Array
 from gscpe.errors import ModelError
 from gscpe.geometry import pose_difference, se3
@@ -86,6 +94,41 @@ def test_sift_comes_last(image: NDArray[np.uint8], monkeypatch: pytest.MonkeyPat
     assert tried(result) == [("xfeat", 1), ("xfeat+lighterglue", 1), *TURNS, ("sift", 1)]
     assert result.cam_from_world is not None
     assert pose_difference(result.cam_from_world, TRUTH).distance < 0.01
+
+
+class Counted(SiftMatcher):
+    """Finds nothing, and counts the renders that it was asked to match."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.matched = 0
+
+    def match(self, photo: Any, render: Any) -> Matches:
+        self.matched += 1
+        return no_matches()
+
+
+def test_each_start_is_rendered_once(
+    image: NDArray[np.uint8], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At full size; the small render of a first look is for the first matcher alone."""
+    matchers = Counted(), Counted(), Counted()
+    with_matchers(monkeypatch, xfeat=matchers[0], xfeat_lighterglue=matchers[1], sift=matchers[2])
+    easy = EasySettings(side=90, min_references=1)
+    settings = LocalizerSettings(easy=easy, orientations=())
+    sizes = []
+    with Localizer(room_map(), settings, "xfeat") as localizer:
+        render = localizer._renderer.render
+
+        def counted(camera: Camera, pose: NDArray[np.float64]) -> RenderedView:
+            sizes.append(camera.height)
+            return render(camera, pose)
+
+        monkeypatch.setattr(localizer._renderer, "render", counted)
+        assert not localizer.localize(image, CAMERA).localized
+        assert not localizer.localize(image, CAMERA).localized
+    assert sizes == [90, 180] * 2  # and nothing is kept from photo to photo
+    assert [matcher.matched for matcher in matchers] == [4, 2, 2]
 
 
 def test_a_missing_network_is_noted_and_left_out(

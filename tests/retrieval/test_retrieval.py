@@ -126,6 +126,16 @@ def test_the_vocabulary_shrinks_with_few_descriptors(
     assert np.isfinite(vocabulary).all()
 
 
+def test_words_of_few_different_descriptors() -> None:
+    """As many as there are different ones, each where they are."""
+    different = np.eye(3, 128, dtype=np.float32)
+    vocabulary = learn_vocabulary([np.repeat(different, 100, axis=0)], SETTINGS)
+    assert vocabulary.shape == (3, 128)
+    np.testing.assert_allclose(
+        vocabulary[vocabulary.argmax(axis=1).argsort()], different, atol=1e-6
+    )
+
+
 def test_training_is_bounded(local: list[NDArray[np.float32]]) -> None:
     bounded = VocabularySettings(words=16, training_descriptors=64)
     assert learn_vocabulary(local, bounded).shape == (8, 128)

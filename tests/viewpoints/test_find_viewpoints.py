@@ -21,6 +21,7 @@ from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import Localizer, LocalizerSettings
+from gscpe.making import CertificateSettings, certify_virtual, summary_table
 from gscpe.photos import to_uint8
 from gscpe.render import Renderer
 from gscpe.scene import Map, open_map, save_map
@@ -29,7 +30,7 @@ from gscpe.splats import GaussianScene
 from gscpe.viewpoints import Viewpoints, ViewpointSettings, find_viewpoints
 
 CAMERA = Camera.pinhole(240, 180, fx=200.0, fy=200.0, cx=120.0, cy=90.0)
-SETTINGS = ViewpointSettings(camera=CAMERA, most=60, seeds=12, grown=16)
+SETTINGS = ViewpointSettings(camera=CAMERA, most=60, seeds=12, grown=16, between=16)
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -118,7 +119,9 @@ def test_neither_unit_nor_axes_need_be_known(scale: float) -> None:
 
 def test_an_origin_far_away_is_added_once() -> None:
     origin = np.array([5e5, 4e6, 100.0])
-    far = find_viewpoints(replace(room(), origin=origin), replace(SETTINGS, seeds=6, grown=6))
+    far = find_viewpoints(
+        replace(room(), origin=origin), replace(SETTINGS, seeds=6, grown=6, between=0)
+    )
     assert inside(centres(far.cam_from_world) - origin).all()
 
 
@@ -128,6 +131,41 @@ def test_up_can_be_given() -> None:
     assert given.up_was_given and not found().up_was_given
     assert given.up == pytest.approx(up)
     assert np.abs(given.cam_from_world[:, 0, :3] @ up).max() < 1e-9
+
+
+def test_how_far_views_look_down_can_be_given_or_found() -> None:
+    """They all look equally far down: as is said, or as the splat looks best."""
+    quick = replace(SETTINGS, seeds=6, grown=6, between=0)
+    steep = find_viewpoints(room(), replace(quick, pitch_down=35.0))
+    assert -steep.cam_from_world[:, 2, :3] @ steep.up == pytest.approx(np.sin(np.deg2rad(35.0)))
+    down = -found().cam_from_world[:, 2, :3] @ found().up
+    assert np.ptp(down) < 1e-9
+    assert np.sin(np.deg2rad(-21.0)) < down[0] < np.sin(np.deg2rad(41.0))
+
+
+def test_the_map_is_certified_by_renders_from_beside_its_viewpoints() -> None:
+    """The room is found again; a map whose references tell nothing is poor, and says so."""
+    settings = CertificateSettings(renders=4)
+    certificate = certify_virtual(map_of_room(), settings, matcher="sift")
+    assert certificate.of_renders and len(certificate.photos) == 4
+    assert certificate.localized >= 0.75 and certificate.relative_error < 0.005
+    assert "renders from beside its viewpoints" in certificate.explanation()
+    assert "PSNR" not in [row[0] for row in summary_table(certificate).rows]
+    assert certificate == certify_virtual(map_of_room(), settings, matcher="sift")
+    map_ = map_of_room()
+    moved = replace(
+        map_.references,
+        cam_from_world=se3.exp([0, 0, 0, 3.0, 0, 0]) @ map_.references.cam_from_world,
+    )
+    blind = replace(map_, references=replace(moved, virtual=True))
+    with pytest.raises(MapError, match="nothing is seen"):
+        certify_virtual(replace(blind, scene=far_away(map_.scene)), settings, matcher="sift")
+    with pytest.raises(MapError, match="only a map of virtual references"):
+        certify_virtual(replace(map_, references=replace(moved, virtual=False)))
+
+
+def far_away(scene: GaussianScene) -> GaussianScene:
+    return replace(scene, means=scene.means + np.float32(1000.0))
 
 
 def test_photos_are_localized_without_any_photo_in_the_map() -> None:
@@ -188,6 +226,7 @@ def test_haze_and_a_line_have_no_viewpoint() -> None:
         {"most": 0},
         {"seeds": 0},
         {"grown": -1},
+        {"between": -1},
         {"spacing": math.nan},
         {"clearance": math.inf},
         {"yaw_step": 0.0},

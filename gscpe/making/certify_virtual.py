@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map that holds no photos is certified by renders from beside its viewpoints."""
+
+from __future__ import annotations
+
+from typing import Iterator
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.errors import MapError
+from gscpe.geometry import se3
+from gscpe.geometry.pose_error import camera_centre, camera_centres
+from gscpe.localization import Localizer
+from gscpe.making.certificate import Certificate, CertifiedPhoto
+from gscpe.making.certify import certified_photo, scene_size
+from gscpe.making.settings import CertificateSettings
+from gscpe.photos import to_uint8
+from gscpe.scene import Map
+
+_TURN_DEGREES = 10.0
+"""Standard deviation of the turns between a viewpoint and a render, about each axis."""
+_ENOUGH, _NEAR = 0.6, 0.2
+"""Share of a render that must show the map, and of the median depth that a twentieth may be nearer
+than: people do not hold cameras into furniture."""
+_DRAWN = 20
+"""Poses that are drawn for a render before it is left out."""
+_DIMMER, _BLUR, _NOISE = 0.85, 1.0, 4.0
+"""A photo is not as perfect as a render of its own map: brightness, pixels, and grey levels."""
+
+
+def certify_virtual(
+    map_: Map,
+    settings: CertificateSettings | None = None,
+    backend: str = "auto",
+    matcher: str | None = None,
+    progress: bool = False,
+) -> Certificate:
+    """Localizes renders in a map whose references are renders too.
+
+    Their poses lie between neighbouring viewpoints, turned by some ten degrees. They are darkened,
+    blurred and made noisy. This shows whether places are recognized and told from each other, and
+    whether the splat can be aligned with. It does not show whether photos are taken from near the
+    viewpoints, or look like the splat. The same every time.
+
+    Args:
+        map_: with virtual references.
+        settings: of the verdict, and how many renders.
+        backend, matcher: as :class:`gscpe.Localizer`.
+        progress: show a bar.
+
+    Raises:
+        MapError: the map's references are not virtual; or from nowhere between the viewpoints it
+            can be seen.
+        RenderError, ModelError, MissingDependencyError: of :class:`gscpe.Localizer`.
+    """
+    settings = settings or CertificateSettings()
+    references = map_.world_references
+    if not references.virtual:
+        raise MapError("only a map of virtual references is certified by renders")
+    photos: list[CertifiedPhoto] = []
+    poses: list[Float64Array] = []
+    depths: list[float] = []
+    rng = np.random.default_rng(0)
+    with Localizer(map_, matcher=matcher, backend=backend, progress=progress) as localizer:
+        chosen = np.linspace(0, len(references) - 1, min(settings.renders, len(references)))
+        for number, index in enumerate(
+            tqdm(
+                chosen.round().astype(int),
+                "certifying the map",
+                unit="render",
+                disable=not progress,
+            )
+        ):
+            camera = references.cameras[index]
+            for pose in _beside(references.cam_from_world, int(index), rng):
+                view = localizer.render(camera, pose)
+                depth = view.depth[view.opacity > 0.5]
+                if depth.size >= _ENOUGH * view.depth.size and (
+                    np.quantile(depth, 0.05) >= _NEAR * np.median(depth)
+                ):
+                    break
+            else:
+                continue
+            image = _as_a_photo(to_uint8(view.rgb), rng)
+            photo, _, median = certified_photo(localizer, f"render {number}", image, camera, pose)
+            photos.append(photo)
+            poses.append(pose)
+            depths.append(median)
+    if not photos:
+        raise MapError("the map cannot be certified: beside its viewpoints, nothing is seen")
+    return Certificate(
+        photos=tuple(photos),
+        scene_size=scene_size(references.cam_from_world, np.array(poses), depths),
+        metres_per_unit=map_.metres_per_unit,
+        learned=len(references),
+        gaussians=len(map_.scene),
+        settings=settings,
+        of_renders=True,
+    )
+
+
+def _beside(
+    cam_from_world: Float64Array, index: int, rng: np.random.Generator
+) -> Iterator[Float64Array]:
+    """Poses, (4, 4), on the way from a reference to the nearest that stands elsewhere, turned."""
+    centres = camera_centres(cam_from_world)
+    apart = np.linalg.norm(centres - centres[index], axis=1)
+    others = apart > 1e-6 * max(float(apart.max()), 1e-300)
+    nearest = int(np.where(others, apart, np.inf).argmin()) if others.any() else index
+    step = centres[nearest] - centres[index]
+    for _ in range(_DRAWN):
+        pose = cam_from_world[index].copy()
+        centre = camera_centre(pose) + rng.uniform(0.2, 0.8) * (
+            step if others.any() else 0.0 * step
+        )
+        turn = np.deg2rad(_TURN_DEGREES) * rng.normal(size=3)
+        pose[:3, 3] = -pose[:3, :3] @ centre
+        yield np.asarray(se3.exp([0.0, 0.0, 0.0, *turn]) @ pose)
+
+
+def _as_a_photo(rgb: UInt8Array, rng: np.random.Generator) -> UInt8Array:
+    blurred = cv2.GaussianBlur(_DIMMER * rgb.astype(np.float32), (0, 0), _BLUR)
+    noisy = blurred + rng.normal(scale=_NOISE, size=rgb.shape)
+    return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
