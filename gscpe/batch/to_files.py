@@ -14,6 +14,7 @@ from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.record import Told, localize_with
 from gscpe.errors import OutputError
+from gscpe.given import real_path
 from gscpe.photos.photo_name import quoted_name
 from gscpe.scene.query_list import Query
 
@@ -104,9 +105,9 @@ def map_path(path: str | Path, map_: str) -> Path:
 def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Path] = ()) -> None:
     """Raises OutputError, before any long work, when one of the files cannot be written, is
     one of the inputs, or comes twice."""
-    taken = {Path(path).resolve() for path in inputs}
+    taken = {real_path(path) for path in inputs}
     for path in (Path(path) for path in paths if path is not None):
-        target = path.resolve()  # a link stays, also one to a file that is not there yet
+        target = real_path(path)  # a link stays, also one to a file that is not there yet
         if target in taken:
             raise OutputError(f"{path} is given twice; each input and output needs its own file")
         taken.add(target)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Sequence
 
 from gscpe.batch import TIMEOUT, ShelfOrder, shelf_order
 from gscpe.errors import OutputError, SettingsError
+from gscpe.given import real_path
 from gscpe.localization import LocalizerSettings
 from gscpe.report.comparison import strip_path
 
@@ -135,7 +136,7 @@ def check_pictures(pictures: str | None, images: Path, names: Sequence[str]) -> 
     except OSError as error:
         raise OutputError(f"--pictures {folder} is no folder: {error.strerror}") from error
     for name in names:
-        if strip_path(folder, name).resolve() == (images / name).resolve():
+        if real_path(strip_path(folder, name)) == real_path(images / name):
             raise OutputError(
                 f"--pictures {folder} would overwrite the photo {name}; give another folder"
             )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gscpe.cli.common import Commands
 from gscpe.errors import OutputError
+from gscpe.given import real_path
 from gscpe.poses import (
     POSE_FORMATS,
     complete_text_model,
@@ -55,7 +56,7 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    same = Path(options.input).resolve() == Path(options.output).resolve()
+    same = real_path(options.input) == real_path(options.output)
     if same and not Path(options.input).is_dir():
         raise OutputError(f"{options.output} is also the input; choose another output")
     whole_model = is_colmap_folder(options.output, options.to_format)

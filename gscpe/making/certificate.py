@@ -10,8 +10,9 @@ from typing import Any, Literal, Sequence, TypeAlias
 
 import numpy as np
 
-from gscpe.errors import MapError
+from gscpe.errors import MapError, SettingsError
 from gscpe.evaluation.text import degrees_text, length_text
+from gscpe.given import parse_json
 from gscpe.making.settings import CertificateSettings
 from gscpe.scene.map_folder import CERTIFICATE
 
@@ -180,7 +181,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
     if not path.exists():
         return None
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse_json(path.read_text(encoding="utf-8"))
         return Certificate(
             photos=tuple(CertifiedPhoto(**photo) for photo in data["photos"]),
             scene_size=float(data["scene_size"]),
@@ -189,7 +190,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
             gaussians=int(data["gaussians"]),
             settings=CertificateSettings(**data["settings"]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, SettingsError) as error:
         raise MapError(f"{path} is damaged ({error}); delete it, or make the map again") from error
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Callable, Sequence
 import numpy as np
 
 from gscpe.errors import OutputError, SettingsError
+from gscpe.given import real_path
 from gscpe.making.certificate import Certificate
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.certify import certify
@@ -237,11 +238,11 @@ def _stamp(
         "iterations": settings.iterations,
         "max_gaussians": settings.max_gaussians,
         "seed": settings.seed,
-        "masks": None if masks is None else str(Path(masks).resolve()),
+        "masks": None if masks is None else str(real_path(masks)),
         "reconstruction": asdict(settings.reconstruction),
     }
     if isinstance(source, KnownPoses):
-        stamp["photos"] = str(source.image_folder.resolve())
+        stamp["photos"] = str(real_path(source.image_folder))
         stamp["poses"] = fingerprint(source)
         stamp["refinement"] = None if refinement is None else asdict(refinement)
     return stamp

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Mapping
 
 from gscpe.errors import ModelError, OutputError
+from gscpe.given import parse_json
 from gscpe.models.catalogue import CATALOGUE, ModelSource, find_source
 
 VERSION = 1
@@ -153,7 +154,7 @@ def _inspect(model: str, network: str) -> InstalledFile:
 
 def _state(path: Path, data: bytes) -> str:
     try:
-        manifest = json.loads((path.parent / _MANIFEST).read_bytes())
+        manifest = parse_json((path.parent / _MANIFEST).read_bytes())
         version, expected = manifest["version"], manifest["sha256"][path.name]
     except (OSError, ValueError, KeyError, TypeError):
         return "damaged"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Mapping
 
 from gscpe.errors import OutputError
+from gscpe.given import parse_json
 from gscpe.reconstruction.disk import when_full
 
 _MARK = "run.json"
@@ -33,7 +34,7 @@ def open_work_folder(folder: Path, stamp: Mapping[str, Any], resume: bool, finis
         raise OutputError(f"{folder} exists and is not of gscpe; choose another output")
     if mark.exists() and resume:
         try:
-            there = json.loads(mark.read_text(encoding="utf-8"))
+            there = parse_json(mark.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             there = None
         if there == wanted:
@@ -49,9 +50,36 @@ def open_work_folder(folder: Path, stamp: Mapping[str, Any], resume: bool, finis
                 f"{folder} is of a run that was interrupted: go on with --resume, or delete it"
             )
         shutil.rmtree(folder)
-    with when_full(mark):
+    with when_full(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        mark.write_text(json.dumps(wanted), encoding="utf-8")
+    write_kept(mark, wanted)
+
+
+def write_kept(path: Path, data: Any) -> None:
+    """Writes a JSON file of a work folder as a whole or not at all, so that a run that was ended in
+    the middle does not leave half of it to the next.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    part = path.with_name(path.name + ".part")
+    with when_full(path):
+        part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
+
+
+def read_kept(path: Path) -> Any:
+    """What :func:`write_kept` wrote.
+
+    Raises:
+        OutputError: it is damaged.
+    """
+    try:
+        return parse_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{path} is damaged ({error}): delete {path.parent}, and begin anew"
+        ) from error
 
 
 def _what_differs(there: Any, wanted: Mapping[str, Any]) -> str:

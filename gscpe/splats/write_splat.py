@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Callable
 
 from gscpe.errors import OutputError
+from gscpe.given import real_path
 from gscpe.splats.compression import outliers
 from gscpe.splats.gaussians import GaussianScene
 from gscpe.splats.ply_bytes import ply_bytes
@@ -68,7 +69,7 @@ _ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".s
 def _replace(path: Path, data: bytes) -> None:
     """Writes beside the file and renames, so that no half-written file is ever there. A link
     stays one, and what it leads to is replaced."""
-    path = path.resolve()
+    path = real_path(path)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Sequence
@@ -11,6 +10,7 @@ from typing import Sequence
 from gscpe.arrays import Float64Array
 from gscpe.batch import read_details
 from gscpe.errors import PoseError
+from gscpe.given import parse_json
 from gscpe.poses import poses_by_name, read_pose_file
 from gscpe.viewer.contents import Findings
 
@@ -88,7 +88,7 @@ def _of_frames(path: Path) -> bool:
     """Whether these are the details of ``gscpe track``, which do not tell how a photo was found."""
     try:
         with path.open(encoding="utf-8") as file:
-            first = json.loads(file.readline())
+            first = parse_json(file.readline())
     except (OSError, ValueError):
         return False  # who reads it says so
     return isinstance(first, dict) and "anchor_age" in first
