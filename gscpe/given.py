@@ -15,6 +15,11 @@ def real_path(path: str | Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def reading_failed(error: OSError | ValueError) -> str:
+    """Why a text file could not be read, without the path, which the message names already."""
+    return getattr(error, "strerror", None) or str(error)
+
+
 def parse_json(text: str | bytes) -> Any:
     """What a JSON text holds.
 

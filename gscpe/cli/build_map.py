@@ -140,12 +140,6 @@ def run(options: argparse.Namespace) -> int:
     )
     moved_by = None if options.transform is None else read_transform(options.transform)
     check_map_output(options.output, compress=options.compress)
-    if (_is_alone(options) or options.no_check) and may_have_other_axes(options.splat):
-        print(
-            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
-            "they are stored (y and z may be negated against the .ply)",
-            file=sys.stderr,
-        )
     if options.no_references:
         return _without_references(settings, options)
     check_method(settings.retrieval)
@@ -175,8 +169,19 @@ def _is_alone(options: argparse.Namespace) -> bool:
     return bool(options.no_references or options.virtual_references)
 
 
-def _without_references(settings: MapSettings, options: argparse.Namespace) -> int:
+def _read_splat(options: argparse.Namespace) -> GaussianScene:
     scene = read_splat(options.splat)
+    if (_is_alone(options) or options.no_check) and may_have_other_axes(options.splat):
+        print(
+            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
+            "they are stored (y and z may be negated against the .ply)",
+            file=sys.stderr,
+        )
+    return scene
+
+
+def _without_references(settings: MapSettings, options: argparse.Namespace) -> int:
+    scene = _read_splat(options)
     map_ = map_without_references(scene, settings.metres_per_unit)
     save_map(map_, options.output, compress=options.compress)
     print(f"{options.output}: {len(scene)} Gaussians, no reference photos")
@@ -187,7 +192,7 @@ def _from_splat_and_photos(
     settings: MapSettings, moved_by: Similarity | None, options: argparse.Namespace
 ) -> int:
     references = read_colmap_references(options.colmap, options.images)
-    scene = read_splat(options.splat)
+    scene = _read_splat(options)
     if not options.no_check:
         scene = with_fitting_axes(
             scene,
@@ -227,7 +232,7 @@ def _from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int
     looked_for = ViewpointSettings(up=options.up)
     if options.camera is not None:
         looked_for = replace(looked_for, camera=Camera.parse(options.camera))
-    scene = read_splat(options.splat)
+    scene = _read_splat(options)
     found = find_viewpoints(scene, looked_for, options.backend, progress=show_progress())
     map_ = map_with_virtual_references(
         scene, settings, found, options.backend, progress=show_progress()

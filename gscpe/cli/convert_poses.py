@@ -69,6 +69,12 @@ def run(options: argparse.Namespace) -> int:
             poses, _ = poses_by_name(poses, list(cameras))
     elif cameras is not None and not poses.keys() <= cameras.keys():
         cameras = None  # a file that tells only some cameras is no list of all photos
+    if whole_model:
+        write_colmap_folder(options.output, poses, cameras)
+    else:
+        write_pose_file(options.output, poses, to_format, cameras)
+        if to_format == "colmap" and Path(options.output).name == "images.txt" and cameras:
+            complete_text_model(options.output, poses, cameras)
     if to_format == "tum" and cameras is None and photo_numbers(list(poses)) is None:
         print(
             f"{options.input}: the photos are not named by timestamps, so their positions in "
@@ -76,11 +82,5 @@ def run(options: argparse.Namespace) -> int:
             "(--queries)",
             file=sys.stderr,
         )
-    if whole_model:
-        write_colmap_folder(options.output, poses, cameras)
-    else:
-        write_pose_file(options.output, poses, to_format, cameras)
-        if to_format == "colmap" and Path(options.output).name == "images.txt" and cameras:
-            complete_text_model(options.output, poses, cameras)
     print(f"{options.output}: {len(poses)} poses, {file.format} to {to_format}")
     return 0

@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.errors import InputError, PoseError, SettingsError
 from gscpe.geometry.similarity_transform import Similarity
-from gscpe.given import parse_json
+from gscpe.given import parse_json, reading_failed
 
 
 def read_transform(path: str | Path) -> Similarity:
@@ -26,7 +26,7 @@ def read_transform(path: str | Path) -> Similarity:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise SettingsError(f"transform {path} cannot be read: {error}") from error
+        raise SettingsError(f"transform {path} cannot be read: {reading_failed(error)}") from error
     try:
         return _parse(text)
     except (ValueError, TypeError, KeyError, InputError) as error:

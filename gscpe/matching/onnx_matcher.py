@@ -92,7 +92,7 @@ class OnnxMatcher:
         """
         self._path = Path(path)
         if not self._path.is_file():
-            raise ModelError(f"{path} is missing; give the path of an ONNX file")
+            raise ModelError(f"{path} is missing, or no file; give the path of an ONNX file")
         self._settings = settings or _read_settings(self._path.with_suffix(".json"))
         self._session = open_session(path, threads)
         self._channels, self._fixed_size = self._check_inputs()

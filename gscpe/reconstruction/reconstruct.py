@@ -37,7 +37,12 @@ from gscpe.reconstruction.scale import ScaleSource
 from gscpe.reconstruction.scale_check import check_scale_source
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.reconstruction.sources import find_source
-from gscpe.reconstruction.work_folder import open_work_folder, read_kept, write_kept
+from gscpe.reconstruction.work_folder import (
+    not_kept_if_refused,
+    open_work_folder,
+    read_kept,
+    write_kept,
+)
 
 _LEAST_PHOTOS = 3
 _LEAST_PARALLAX = 0.003  # 0.0006 for a mere turn, 0.016 to 0.025 for walks in and around houses
@@ -88,7 +93,8 @@ def reconstruct(
         with clock.step("photos"):
             return prepare_photos(found, images, settings, progress)
 
-    photos, unusable = prepared_once(folder / "photos.json", prepare)
+    with not_kept_if_refused(folder):
+        photos, unusable = prepared_once(folder / "photos.json", prepare)
     check_scale_source(scale, photos, unusable)
     mask_folder = prepare_masks(photos, masks, folder)
     by_size = _put_together(photos, folder, mask_folder, settings, clock, progress)

@@ -44,7 +44,7 @@ from gscpe.reconstruction.result import (
     write_result,
 )
 from gscpe.reconstruction.settings import PoseRefinementSettings, ReconstructionSettings
-from gscpe.reconstruction.work_folder import open_work_folder
+from gscpe.reconstruction.work_folder import not_kept_if_refused, open_work_folder
 from gscpe.scene.colmap_database import pycolmap_camera, set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
 
@@ -104,7 +104,8 @@ def refine_known_poses(
     if (folder / RESULT).exists():
         return read_result(folder / RESULT)
     clock = Clock()
-    photos, unusable, given = _prepared(source, folder, settings.max_size, clock, progress)
+    with not_kept_if_refused(folder):
+        photos, unusable, given = _prepared(source, folder, settings.max_size, clock, progress)
     database = folder / "database.db"
     _match(photos, given, folder, settings, masks, clock, progress)
     matched = read_matched_pairs(database)

@@ -5,14 +5,16 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Mapping
+from typing import Any, Iterator, Mapping
 
-from gscpe.errors import OutputError
+from gscpe.errors import InputError, OutputError
 from gscpe.given import parse_json
 from gscpe.reconstruction.disk import when_full
 
 _MARK = "run.json"
+_COPIES = {"images", "masks"}
 
 
 def open_work_folder(folder: Path, stamp: Mapping[str, Any], resume: bool, finished: str) -> None:
@@ -53,6 +55,29 @@ def open_work_folder(folder: Path, stamp: Mapping[str, Any], resume: bool, finis
     with when_full(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_kept(mark, wanted)
+
+
+@contextmanager
+def not_kept_if_refused(folder: Path) -> Iterator[None]:
+    """Around the first steps in a work folder: where they refuse what was given (InputError) before
+    anything is made that a run could go on with, the folder is deleted again, so that a mistyped
+    name does not have to be cleaned up after."""
+    try:
+        yield
+    except InputError:
+        if _nothing_is_made(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _nothing_is_made(folder: Path) -> bool:
+    """Nothing but copies of photos and masks."""
+    return all(
+        path.is_dir()
+        or path.name == _MARK
+        or not _COPIES.isdisjoint(path.relative_to(folder).parts)
+        for path in folder.rglob("*")
+    )
 
 
 def write_kept(path: Path, data: Any) -> None:

@@ -41,7 +41,8 @@ def read_findings(
     known = {}
     if details is not None:
         if not Path(details).is_file():
-            raise PoseError(f"details {details} cannot be read: there is no such file")
+            why = "it is no file" if Path(details).exists() else "there is no such file"
+            raise PoseError(f"details {details} cannot be read: {why}")
         known = read_details(details)
         if not known:
             raise PoseError(
@@ -78,7 +79,7 @@ def _details_beside(poses: Path, map_name: str | None) -> Path | None:
     if map_name is not None and poses.stem.endswith(f".{map_name}"):
         stems.append(poses.stem.removesuffix(f".{map_name}"))
     for stem in stems:
-        path = poses.with_name(f"{stem}.details.jsonl")
+        path = poses.parent / f"{stem}.details.jsonl"
         if path.is_file() and not _of_frames(path):
             return path
     return None
