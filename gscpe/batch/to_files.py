@@ -15,6 +15,7 @@ from gscpe.batch.instructions import Instructions
 from gscpe.batch.record import Told, localize_with
 from gscpe.errors import OutputError
 from gscpe.given import real_path
+from gscpe.output_file import write_file
 from gscpe.photos.photo_name import quoted_name
 from gscpe.scene.query_list import Query
 
@@ -138,9 +139,5 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
         source = detail if stage == "final" else detail[stage]
         if detail["status"] == "localized" and source is not None:
             lines.append(f"{quoted_name(str(detail['name']))} {source['cam_from_world']}\n")
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        # A name that is no text in this file system's encoding is kept as it is.
-        Path(path).write_text("".join(lines), encoding="utf-8", errors="surrogateescape")
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    # A name that is no text in this file system's encoding is kept as it is.
+    write_file(path, "".join(lines).encode("utf-8", "surrogateescape"))

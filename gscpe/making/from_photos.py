@@ -18,6 +18,7 @@ from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.certify import certify
 from gscpe.making.settings import MakeMapSettings
 from gscpe.mapping import MapSettings, build_map
+from gscpe.output_file import write_file
 from gscpe.photos.masks import check_masks
 from gscpe.reconstruction import (
     KnownPoses,
@@ -196,10 +197,7 @@ def _write_certificate(
     page = output / CERTIFICATE_PAGE
     facts = {"structure from motion": str(reconstruction)} if reconstruction else {}
     write_certificate_page(page, output.name, certificate, pictures, facts)
-    try:
-        (output / CERTIFICATE).write_text(certificate.to_json(), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{output / CERTIFICATE} cannot be written: {error}") from error
+    write_file(output / CERTIFICATE, certificate.to_json().encode())
     return page
 
 

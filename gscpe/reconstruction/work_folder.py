@@ -11,6 +11,7 @@ from typing import Any, Iterator, Mapping
 
 from gscpe.errors import InputError, OutputError
 from gscpe.given import parse_json
+from gscpe.output_file import replace_file
 from gscpe.reconstruction.disk import when_full
 
 _MARK = "run.json"
@@ -87,10 +88,8 @@ def write_kept(path: Path, data: Any) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    part = path.with_name(path.name + ".part")
     with when_full(path):
-        part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        part.replace(path)
+        replace_file(path, (json.dumps(data, indent=1) + "\n").encode())
 
 
 def read_kept(path: Path) -> Any:
