@@ -41,6 +41,8 @@ def replace_file(path: Path, data: bytes) -> None:
         OSError: it cannot be written.
     """
     path = real_path(path)
+    if path.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     if path.exists() and not path.is_file():
         path.write_bytes(data)
         return

@@ -89,6 +89,27 @@ def add_parser(commands: Commands) -> None:
         action="store_true",
         help="the splat is not metric: tolerances in metres are scaled to the scene's depth",
     )
+    _add_fit(parser)
+    parser.add_argument(
+        "--retrieval",
+        metavar="METHOD",
+        default=MapSettings.retrieval,
+        help=f"how photos are described to find similar ones: {', '.join(METHODS)} "
+        "(default: %(default)s); vlad-xfeat needs gscpe models install xfeat, PATH is that of an "
+        "exported network (docs/formats.md)",
+    )
+    parser.add_argument(
+        "--compress",
+        action="store_true",
+        help="store the splat as .spz: less than a fifth of the size, with rounded values "
+        "(needs gaussforge: pip install 'gscpe[formats]')",
+    )
+    add_backend(parser)
+    parser.set_defaults(run=run, parser=parser)
+
+
+def _add_fit(parser: argparse.ArgumentParser) -> None:
+    """Whether splat and model fit together, and what is done where they do not."""
     parser.add_argument(
         "--no-check",
         action="store_true",
@@ -114,22 +135,6 @@ def add_parser(commands: Commands) -> None:
         help="with --fit or --transform: whose frame poses are given in; the other is moved into "
         "it (default: %(default)s)",
     )
-    parser.add_argument(
-        "--retrieval",
-        metavar="METHOD",
-        default=MapSettings.retrieval,
-        help=f"how photos are described to find similar ones: {', '.join(METHODS)} "
-        "(default: %(default)s); vlad-xfeat needs gscpe models install xfeat, PATH is that of an "
-        "exported network (docs/formats.md)",
-    )
-    parser.add_argument(
-        "--compress",
-        action="store_true",
-        help="store the splat as .spz: less than a fifth of the size, with rounded values "
-        "(needs gaussforge: pip install 'gscpe[formats]')",
-    )
-    add_backend(parser)
-    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -47,13 +47,16 @@ def add_matcher(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_retrieval_model(parser: argparse.ArgumentParser) -> None:
-    """``--retrieval-model``, for the commands that open maps to localize in."""
+def add_localizing(parser: argparse.ArgumentParser) -> None:
+    """``--retrieval-model``, ``--matcher`` and ``--backend``, for the commands that open maps to
+    localize in."""
     parser.add_argument(
         "--retrieval-model",
         metavar="ONNX",
         help="the exported network that described the map's photos",
     )
+    add_matcher(parser)
+    add_backend(parser)
 
 
 def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
@@ -106,7 +109,7 @@ def memory_bytes(options: argparse.Namespace) -> int | None:
 
 
 def localizer_settings(options: argparse.Namespace) -> LocalizerSettings:
-    """What the options of :func:`add_retrieval_model` say."""
+    """What ``--retrieval-model`` says."""
     return LocalizerSettings(retrieval_model=options.retrieval_model)
 
 

@@ -11,9 +11,7 @@ from gscpe.batch import check_outputs
 from gscpe.cli.common import (
     CAMERA_HELP,
     Commands,
-    add_backend,
-    add_matcher,
-    add_retrieval_model,
+    add_localizing,
     localizer_settings,
     show_progress,
 )
@@ -65,6 +63,15 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--fast", action="store_true", help="frames of half the size: faster, and less exact"
     )
+    _add_source(parser)
+    _add_odometry(parser)
+    add_live(parser)
+    add_localizing(parser)
+    parser.set_defaults(run=run, parser=parser)
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    """What must be told of the frames."""
     source = parser.add_argument_group("the source")
     source.add_argument(
         "--camera",
@@ -86,6 +93,10 @@ def add_parser(commands: Commands) -> None:
     source.add_argument(
         "--topic", help="of a bag's images (default: the only one), for example /camera/image_raw"
     )
+
+
+def _add_odometry(parser: argparse.ArgumentParser) -> None:
+    """Motion that another system has measured."""
     odometry = parser.add_argument_group("odometry")
     odometry.add_argument(
         "--odometry",
@@ -107,11 +118,6 @@ def add_parser(commands: Commands) -> None:
         help='of the odometry\'s body in the camera: "qw qx qy qz tx ty tz" (default: the body is '
         "the camera)",
     )
-    add_live(parser)
-    add_retrieval_model(parser)
-    add_matcher(parser)
-    add_backend(parser)
-    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:
