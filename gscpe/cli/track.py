@@ -122,29 +122,11 @@ def _add_odometry(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     check_live(options)
-    output = Path(options.output)
-    if not output.name:
-        raise OutputError(f"--output {output} is a folder; give a file for the trajectory")
-    details = Path(options.details or output.with_suffix(".details.jsonl"))
-    inputs = [options.source, options.times, options.odometry, options.camera]
-    check_outputs(
-        [output, options.poses, details, options.overlay],
-        [path for path in inputs if path is not None and Path(path).is_file()],
-    )
+    output, details = _checked_outputs(options)
     odometry = _odometry(options)
-    camera = None if options.camera is None else read_camera(options.camera)
-    frames = open_frames(
-        options.source,
-        camera,
-        images=options.images,
-        times=options.times,
-        topic=options.topic,
-        rate=options.rate,
-    )
-    live = options.realtime or frames.live
-    settings = (
-        TrackingSettings.fast(wait=not live) if options.fast else TrackingSettings(wait=not live)
-    )
+    frames = _frames(options)
+    wait = not (options.realtime or frames.live)
+    settings = TrackingSettings.fast(wait) if options.fast else TrackingSettings(wait)
     tally = Tally()
     with ExitStack() as stack:
         localizer = stack.enter_context(
@@ -188,6 +170,31 @@ def run(options: argparse.Namespace) -> int:
             print(f"{options.overlay}: photo, render and difference", flush=True)
         stay_after(page)
     return 0 if tally.posed else 1
+
+
+def _checked_outputs(options: argparse.Namespace) -> tuple[Path, Path]:
+    """The trajectory and the details; before any work, all outputs can be written."""
+    output = Path(options.output)
+    if not output.name:
+        raise OutputError(f"--output {output} is a folder; give a file for the trajectory")
+    details = Path(options.details or output.with_suffix(".details.jsonl"))
+    inputs = [options.source, options.times, options.odometry, options.camera]
+    check_outputs(
+        [output, options.poses, details, options.overlay],
+        [path for path in inputs if path is not None and Path(path).is_file()],
+    )
+    return output, details
+
+
+def _frames(options: argparse.Namespace) -> Frames:
+    return open_frames(
+        options.source,
+        None if options.camera is None else read_camera(options.camera),
+        images=options.images,
+        times=options.times,
+        topic=options.topic,
+        rate=options.rate,
+    )
 
 
 def _odometry(options: argparse.Namespace) -> Odometry | None:

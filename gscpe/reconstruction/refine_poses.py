@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
@@ -89,18 +89,10 @@ def refine_known_poses(
         MissingDependencyError: pycolmap is not installed.
     """
     colmap.require_pycolmap()
-    settings, refinement = (
-        settings or ReconstructionSettings(),
-        refinement or PoseRefinementSettings(),
-    )
+    settings = settings or ReconstructionSettings()
+    refinement = refinement or PoseRefinementSettings()
     folder = Path(folder)
-    stamp = {
-        "photos": str(real_path(source.image_folder)),
-        "poses": fingerprint(source),
-        "refinement": asdict(refinement),
-        **stamp_of(settings, masks),
-    }
-    open_work_folder(folder, stamp, resume, RESULT)
+    open_work_folder(folder, _stamp(source, settings, refinement, masks), resume, RESULT)
     if (folder / RESULT).exists():
         return read_result(folder / RESULT)
     clock = Clock()
@@ -126,9 +118,9 @@ def refine_known_poses(
     features, shared = colmap.verified_pairs(database)
     reasons = why_not_placed(photos, unusable, set(placed), (), features, shared, settings)
     fit = agreement(matched, given, bounds.first)
-    for name in reasons:
-        if shared.get(name, 0) and features[name] >= FEW_FEATURES:
-            reasons[name] = why_not_refined(fit[name], shared[name], bounds, name in enough)
+    overlap = [name for name in reasons if shared.get(name, 0) and features[name] >= FEW_FEATURES]
+    for name in overlap:
+        reasons[name] = why_not_refined(fit[name], shared[name], bounds, name in enough)
     result = Reconstruction(
         model_folder=write_model(model, folder),
         image_folder=folder / "images",
@@ -143,6 +135,21 @@ def refine_known_poses(
     )
     write_result(folder / RESULT, result)
     return result
+
+
+def _stamp(
+    source: KnownPoses,
+    settings: ReconstructionSettings,
+    refinement: PoseRefinementSettings,
+    masks: str | Path | None,
+) -> dict[str, Any]:
+    """What must be the same where a run is gone on with."""
+    return {
+        "photos": str(real_path(source.image_folder)),
+        "poses": fingerprint(source),
+        "refinement": asdict(refinement),
+        **stamp_of(settings, masks),
+    }
 
 
 def _prepared(
