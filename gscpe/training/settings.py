@@ -116,7 +116,7 @@ class TrainingSettings:
         shares = self.sh_shares
         if (
             len(shares) != 3
-            or not all(isinstance(share, Real) and share >= 0 for share in shares)
+            or not all(isinstance(share, Real) and 0 <= share < 1e6 for share in shares)
             or list(shares) != sorted(shares)
         ):
             raise SettingsError(
