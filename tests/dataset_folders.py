@@ -3,7 +3,7 @@
 
 Every writer takes true poses, world to camera, and returns them by the name that the photo must
 get from the reader. What a format wants instead (camera to world, centres, other axes) is
-computed here from the definitions, not with gscpe.
+computed here from the definitions, not with gscpe. At the end, what reads them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from helpers import random_pose
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
+
+from gscpe.datasets import Dataset, read_cambridge, read_fast_livo2, read_seven_scenes
 
 Pose = NDArray[np.float64]
 Poses = dict[str, Pose]
@@ -212,3 +214,19 @@ def write_rgbd_folder(
         write_lines(root / "trajectory.txt", lines)
     write_lines(root / "camera.txt", [RGBD_CAMERA])
     return result
+
+
+def kitchen(root: Path) -> Dataset:
+    return read_seven_scenes(root, "redkitchen")
+
+
+def college(root: Path) -> Dataset:
+    return read_cambridge(root, "KingsCollege")
+
+
+def building(root: Path) -> Dataset:
+    return read_fast_livo2(root, "CBD_Building_01")
+
+
+def query_names(dataset: Dataset) -> list[str]:
+    return [query.name for query in dataset.queries]

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import functools
+import time
 
 import numpy as np
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import Map
+from gscpe import Map, Tracker, TrackingResult, pose_difference
+from gscpe.evaluation import normalized_error_squared
 from gscpe.geometry import se3
 
 CAMERA = room_camera(240, 180)
@@ -43,3 +45,29 @@ def black() -> NDArray[np.uint8]:
 def foreign() -> NDArray[np.uint8]:
     """Of a room that is painted otherwise."""
     return room(7).shoot(CAMERA, ROOM_POSE).uint8
+
+
+def right(
+    result: TrackingResult,
+    true_pose: NDArray[np.float64],
+    metres: float = 0.01,
+    degrees: float = 0.2,
+) -> None:
+    """A pixel is a centimetre here; the map is made of one photo, its depth exact."""
+    assert result.cam_from_world is not None, result.reason
+    assert result.covariance is not None
+    error = pose_difference(result.cam_from_world, true_pose)
+    assert error.distance < metres
+    assert error.degrees < degrees
+    # Five standard deviations, in each of six directions together.
+    assert normalized_error_squared(result.cam_from_world, result.covariance, true_pose) < 6 * 25
+
+
+def until_found(tracker: Tracker, index: float, seconds: float = 60.0) -> TrackingResult:
+    """Shows a camera that stands still until its pose is known."""
+    end = time.monotonic() + seconds
+    while True:
+        result = tracker.track(picture(index), CAMERA)
+        if result.status != "lost" or time.monotonic() > end:
+            return result
+        time.sleep(0.02)

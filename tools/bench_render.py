@@ -144,7 +144,7 @@ def _case(path: Path, count: int, backend: str, repeats: int) -> Case:
     _forget_peak_memory()
     with Renderer(scene, backend) as renderer:
         (milliseconds,) = _time((renderer,), camera, poses[:1], repeats)
-    return Case(milliseconds, in_view, peak_bytes() / 2**20)
+    return Case(milliseconds, in_view, peak_bytes() / 1e6)
 
 
 def _forget_peak_memory() -> None:

@@ -116,7 +116,7 @@ def show_times(scene: GaussianScene, data: Path, rounds: int, points: int) -> No
                 f"{render[0]:.0f} | {wall:.2f} | {processor:.2f} |",
                 flush=True,
             )
-    print(f"at most {peak_bytes() / 2**30:.2f} GB of memory")
+    print(f"at most {peak_bytes() / 1e9:.2f} GB of memory")
 
 
 def show_memory(scene: GaussianScene, data: Path, count: int) -> None:
@@ -130,7 +130,7 @@ def show_memory(scene: GaussianScene, data: Path, count: int) -> None:
     colours = np.clip(255.0 * (0.5 + SH_C0 * scene.sh[:, 0]), 0, 255).astype(np.uint8)
     points = PointCloud(scene.means.astype(np.float64), colours)
     settings = TrainingSettings(iterations=50, densify_rounds=5)
-    before = peak_bytes() / 2**30
+    before = peak_bytes() / 1e9
     told: list[Progress] = []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "checkpoint"
@@ -139,7 +139,7 @@ def show_memory(scene: GaussianScene, data: Path, count: int) -> None:
     most = max(progress.gaussians for progress in told)
     print(
         f"{count} photos of {photos[0].camera.width}x{photos[0].camera.height}, at most {most} "
-        f"Gaussians: {peak_bytes() / 2**30:.2f} GB of memory, {before:.2f} before the training"
+        f"Gaussians: {peak_bytes() / 1e9:.2f} GB of memory, {before:.2f} before the training"
     )
 
 

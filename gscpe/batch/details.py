@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError
+from gscpe.given import parse_json
 from gscpe.localization import Attempt, LocalizationResult
 from gscpe.poses.hloc import format_pose
 from gscpe.scene.query_list import Query
@@ -126,7 +126,7 @@ def read_details(path: str | Path) -> dict[str, Detail]:
     left_out = 0
     for line in lines:
         try:
-            detail = json.loads(line)
+            detail = parse_json(line)
             complete = detail.keys() >= _FIELDS
         except (ValueError, AttributeError):
             complete = False

@@ -22,6 +22,7 @@ from gscpe.batch.details import Detail, read_details
 from gscpe.batch.fingerprint import photo_fingerprint
 from gscpe.batch.worker import Worker
 from gscpe.errors import OutputError
+from gscpe.given import real_path
 from gscpe.localization import Localizer
 from gscpe.scene.query_list import Query
 
@@ -150,7 +151,7 @@ def keep_a_copy(path: Path) -> None:
     """
     try:
         if path.is_file() and path.stat().st_size:
-            path = path.resolve()  # a link stays one
+            path = real_path(path)  # a link stays one
             backup = path.with_name(path.name + ".bak")
             path.replace(backup)
             _log.warning("the earlier results are kept in %s", backup)

@@ -4,7 +4,6 @@ longest time makes room for another."""
 
 from __future__ import annotations
 
-import json
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Mapping
 from gscpe.batch.fingerprint import map_fingerprint
 from gscpe.closing import Closing
 from gscpe.errors import MapError
+from gscpe.given import parse_json, real_path
 from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.matching import matcher_name
 from gscpe.matching.choose import ONNX
@@ -96,7 +96,7 @@ def named_maps(folders: list[str]) -> dict[str, Path]:
         if not name:
             raise MapError(f"{folder} is no name of a map")
         if name in named:
-            if path.resolve() == named[name].resolve():
+            if real_path(path) == real_path(named[name]):
                 raise MapError(f"map {folder} is given twice")
             raise MapError(f"{folder} and {named[name]} have the same name; rename one of them")
         named[name] = path
@@ -160,7 +160,7 @@ def map_bytes(folder: Path) -> int:
     """
     path = folder / "map.json"
     try:
-        return BYTES_A_GAUSSIAN * int(json.loads(path.read_text())["gaussians"])
+        return BYTES_A_GAUSSIAN * int(parse_json(path.read_text())["gaussians"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise MapError(f"{path} is damaged; build the map again") from error
 

@@ -14,6 +14,8 @@ from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.record import Told, localize_with
 from gscpe.errors import OutputError
+from gscpe.given import real_path
+from gscpe.output_file import write_file
 from gscpe.photos.photo_name import quoted_name
 from gscpe.scene.query_list import Query
 
@@ -104,9 +106,9 @@ def map_path(path: str | Path, map_: str) -> Path:
 def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Path] = ()) -> None:
     """Raises OutputError, before any long work, when one of the files cannot be written, is
     one of the inputs, or comes twice."""
-    taken = {Path(path).resolve() for path in inputs}
+    taken = {real_path(path) for path in inputs}
     for path in (Path(path) for path in paths if path is not None):
-        target = path.resolve()  # a link stays, also one to a file that is not there yet
+        target = real_path(path)  # a link stays, also one to a file that is not there yet
         if target in taken:
             raise OutputError(f"{path} is given twice; each input and output needs its own file")
         taken.add(target)
@@ -137,9 +139,5 @@ def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: s
         source = detail if stage == "final" else detail[stage]
         if detail["status"] == "localized" and source is not None:
             lines.append(f"{quoted_name(str(detail['name']))} {source['cam_from_world']}\n")
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        # A name that is no text in this file system's encoding is kept as it is.
-        Path(path).write_text("".join(lines), encoding="utf-8", errors="surrogateescape")
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    # A name that is no text in this file system's encoding is kept as it is.
+    write_file(path, "".join(lines).encode("utf-8", "surrogateescape"))

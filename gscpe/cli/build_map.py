@@ -83,6 +83,27 @@ def add_parser(commands: Commands) -> None:
         action="store_true",
         help="the splat is not metric: tolerances in metres are scaled to the scene's depth",
     )
+    _add_fit(parser)
+    parser.add_argument(
+        "--retrieval",
+        metavar="METHOD",
+        default=MapSettings.retrieval,
+        help=f"how photos are described to find similar ones: {', '.join(METHODS)} "
+        "(default: %(default)s); vlad-xfeat needs gscpe models install xfeat, PATH is that of an "
+        "exported network (docs/formats.md)",
+    )
+    parser.add_argument(
+        "--compress",
+        action="store_true",
+        help="store the splat as .spz: less than a fifth of the size, with rounded values "
+        "(needs gaussforge: pip install 'gscpe[formats]')",
+    )
+    add_backend(parser)
+    parser.set_defaults(run=run, parser=parser)
+
+
+def _add_fit(parser: argparse.ArgumentParser) -> None:
+    """Whether splat and model fit together, and what is done where they do not."""
     parser.add_argument(
         "--no-check",
         action="store_true",
@@ -109,22 +130,6 @@ def add_parser(commands: Commands) -> None:
         help="with --fit or --transform: whose frame poses are given in; the other is moved into "
         "it (default: %(default)s)",
     )
-    parser.add_argument(
-        "--retrieval",
-        metavar="METHOD",
-        default=MapSettings.retrieval,
-        help=f"how photos are described to find similar ones: {', '.join(METHODS)} "
-        "(default: %(default)s); vlad-xfeat needs gscpe models install xfeat, PATH is that of an "
-        "exported network (docs/formats.md)",
-    )
-    parser.add_argument(
-        "--compress",
-        action="store_true",
-        help="store the splat as .spz: less than a fifth of the size, with rounded values "
-        "(needs gaussforge: pip install 'gscpe[formats]')",
-    )
-    add_backend(parser)
-    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -135,17 +140,11 @@ def run(options: argparse.Namespace) -> int:
     )
     moved_by = None if options.transform is None else read_transform(options.transform)
     check_map_output(options.output, compress=options.compress)
-    if (_is_alone(options) or options.no_check) and may_have_other_axes(options.splat):
-        print(
-            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
-            "they are stored (y and z may be negated against the .ply)",
-            file=sys.stderr,
-        )
     if options.no_references:
         return _without_references(settings, options)
     check_method(settings.retrieval)
     if options.virtual_references:
-        return from_splat_alone(settings, options)
+        return from_splat_alone(_read_splat(options), settings, options)
     return _from_splat_and_photos(settings, moved_by, options)
 
 
@@ -170,8 +169,19 @@ def _is_alone(options: argparse.Namespace) -> bool:
     return bool(options.no_references or options.virtual_references)
 
 
-def _without_references(settings: MapSettings, options: argparse.Namespace) -> int:
+def _read_splat(options: argparse.Namespace) -> GaussianScene:
     scene = read_splat(options.splat)
+    if (_is_alone(options) or options.no_check) and may_have_other_axes(options.splat):
+        print(
+            f"{options.splat} does not say its axes, and nothing is compared: they are taken as "
+            "they are stored (y and z may be negated against the .ply)",
+            file=sys.stderr,
+        )
+    return scene
+
+
+def _without_references(settings: MapSettings, options: argparse.Namespace) -> int:
+    scene = _read_splat(options)
     map_ = map_without_references(scene, settings.metres_per_unit)
     save_map(map_, options.output, compress=options.compress)
     print(f"{options.output}: {len(scene)} Gaussians, no reference photos")
@@ -182,7 +192,7 @@ def _from_splat_and_photos(
     settings: MapSettings, moved_by: Similarity | None, options: argparse.Namespace
 ) -> int:
     references = read_colmap_references(options.colmap, options.images)
-    scene = read_splat(options.splat)
+    scene = _read_splat(options)
     if not options.no_check:
         scene = with_fitting_axes(
             scene,

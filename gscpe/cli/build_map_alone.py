@@ -12,7 +12,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.making import certify_virtual, write_certificate
 from gscpe.mapping import MapSettings, map_with_virtual_references
 from gscpe.scene import open_map, save_map
-from gscpe.splats import read_splat
+from gscpe.splats import GaussianScene
 from gscpe.viewpoints import ViewpointSettings, find_viewpoints
 
 NOT_GOOD = 4
@@ -20,12 +20,13 @@ NOT_GOOD = 4
 poses."""
 
 
-def from_splat_alone(settings: MapSettings, options: argparse.Namespace) -> int:
+def from_splat_alone(
+    scene: GaussianScene, settings: MapSettings, options: argparse.Namespace
+) -> int:
     """Writes the map, certifies it by renders, and returns the exit status."""
     looked_for = ViewpointSettings(up=options.up)
     if options.camera is not None:
-        looked_for = replace(looked_for, camera=Camera.parse(options.camera))
-    scene = read_splat(options.splat)
+        looked_for = replace(looked_for, camera=Camera.typed(options.camera))
     found = find_viewpoints(scene, looked_for, options.backend, progress=show_progress())
     map_ = map_with_virtual_references(
         scene, settings, found, options.backend, progress=show_progress()

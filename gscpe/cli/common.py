@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Sequence
 
 from gscpe.batch import TIMEOUT, ShelfOrder, shelf_order
 from gscpe.errors import OutputError, SettingsError
+from gscpe.given import real_path
 from gscpe.localization import LocalizerSettings
 from gscpe.report.comparison import strip_path
 
@@ -46,13 +47,16 @@ def add_matcher(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_retrieval_model(parser: argparse.ArgumentParser) -> None:
-    """``--retrieval-model``, for the commands that open maps to localize in."""
+def add_localizing(parser: argparse.ArgumentParser) -> None:
+    """``--retrieval-model``, ``--matcher`` and ``--backend``, for the commands that open maps to
+    localize in."""
     parser.add_argument(
         "--retrieval-model",
         metavar="ONNX",
         help="the exported network that described the map's photos",
     )
+    add_matcher(parser)
+    add_backend(parser)
 
 
 def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
@@ -105,7 +109,7 @@ def memory_bytes(options: argparse.Namespace) -> int | None:
 
 
 def localizer_settings(options: argparse.Namespace) -> LocalizerSettings:
-    """What the options of :func:`add_retrieval_model` say."""
+    """What ``--retrieval-model`` says."""
     return LocalizerSettings(retrieval_model=options.retrieval_model)
 
 
@@ -135,7 +139,7 @@ def check_pictures(pictures: str | None, images: Path, names: Sequence[str]) -> 
     except OSError as error:
         raise OutputError(f"--pictures {folder} is no folder: {error.strerror}") from error
     for name in names:
-        if strip_path(folder, name).resolve() == (images / name).resolve():
+        if real_path(strip_path(folder, name)) == real_path(images / name):
             raise OutputError(
                 f"--pictures {folder} would overwrite the photo {name}; give another folder"
             )

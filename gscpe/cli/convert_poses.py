@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gscpe.cli.common import Commands
 from gscpe.errors import OutputError
+from gscpe.given import real_path
 from gscpe.poses import (
     POSE_FORMATS,
     complete_text_model,
@@ -55,7 +56,7 @@ def add_parser(commands: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    same = Path(options.input).resolve() == Path(options.output).resolve()
+    same = real_path(options.input) == real_path(options.output)
     if same and not Path(options.input).is_dir():
         raise OutputError(f"{options.output} is also the input; choose another output")
     whole_model = is_colmap_folder(options.output, options.to_format)
@@ -68,6 +69,12 @@ def run(options: argparse.Namespace) -> int:
             poses, _ = poses_by_name(poses, list(cameras))
     elif cameras is not None and not poses.keys() <= cameras.keys():
         cameras = None  # a file that tells only some cameras is no list of all photos
+    if whole_model:
+        write_colmap_folder(options.output, poses, cameras)
+    else:
+        write_pose_file(options.output, poses, to_format, cameras)
+        if to_format == "colmap" and Path(options.output).name == "images.txt" and cameras:
+            complete_text_model(options.output, poses, cameras)
     if to_format == "tum" and cameras is None and photo_numbers(list(poses)) is None:
         print(
             f"{options.input}: the photos are not named by timestamps, so their positions in "
@@ -75,11 +82,5 @@ def run(options: argparse.Namespace) -> int:
             "(--queries)",
             file=sys.stderr,
         )
-    if whole_model:
-        write_colmap_folder(options.output, poses, cameras)
-    else:
-        write_pose_file(options.output, poses, to_format, cameras)
-        if to_format == "colmap" and Path(options.output).name == "images.txt" and cameras:
-            complete_text_model(options.output, poses, cameras)
     print(f"{options.output}: {len(poses)} poses, {file.format} to {to_format}")
     return 0

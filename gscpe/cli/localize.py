@@ -10,9 +10,7 @@ from gscpe.batch import MAPS_TRIED
 from gscpe.cli.common import (
     CAMERA_HELP,
     Commands,
-    add_backend,
-    add_matcher,
-    add_retrieval_model,
+    add_localizing,
     add_timeout,
     add_workers,
 )
@@ -68,6 +66,14 @@ def add_parser(commands: Commands) -> None:
         metavar="DIR",
         help="write photo, render and their difference side by side, a picture a photo",
     )
+    _add_many(parser)
+    add_live(parser)
+    add_localizing(parser)
+    parser.set_defaults(run=run, parser=parser)
+
+
+def _add_many(parser: argparse.ArgumentParser) -> None:
+    """Options of lists of photos."""
     many = parser.add_argument_group("many photos")
     many.add_argument(
         "--queries",
@@ -101,11 +107,6 @@ def add_parser(commands: Commands) -> None:
     )
     add_workers(many)
     add_timeout(many)
-    add_live(parser)
-    add_retrieval_model(parser)
-    add_matcher(parser)
-    add_backend(parser)
-    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:

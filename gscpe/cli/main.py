@@ -113,7 +113,13 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         command.add_parser(commands)
     for each in commands.choices.values():
         each.add_argument("-v", "--verbose", action="store_true", help="log progress")
-    return parser.parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    options = parser.parse_args(words)
+    for word in words:
+        if not word or (word.startswith("--") and word.endswith("=")):
+            where = f"{word} has no value" if word else "an argument is empty"
+            parser.error(f"{where}: is a variable not set?")
+    return options
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gscpe.cli.common import Commands, add_backend, show_progress
 from gscpe.cli.known_poses import add_known_poses, known_poses, refinement_settings
 from gscpe.cli.reconstruct import add_reconstruction, reconstruction_settings, report_not_placed
+from gscpe.cli.train import add_budget
 
 if TYPE_CHECKING:
     from gscpe.reconstruction import Reconstruction
@@ -23,16 +24,7 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument("--output", required=True, metavar="MAP", help="map folder to write")
     add_known_poses(parser, "--refine-poses")
     add_reconstruction(parser)
-    long = parser.add_mutually_exclusive_group()
-    long.add_argument(
-        "--minutes", type=float, default=20.0, help="of training (default: %(default)g)"
-    )
-    long.add_argument(
-        "--iterations", type=int, help="of training, instead: the same result every time"
-    )
-    parser.add_argument(
-        "--max-gaussians", metavar="N", type=int, default=250_000, help="(default: %(default)s)"
-    )
+    add_budget(parser)
     parser.add_argument(
         "--test-every",
         metavar="N",

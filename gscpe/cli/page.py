@@ -73,8 +73,10 @@ def check_live(options: argparse.Namespace) -> None:
         check_viser()
     else:
         for name in ("gaussians", "host", "port", "open"):
-            if getattr(options, name) is not None:
-                options.parser.error(f"--{name} goes with --view")
+            value = getattr(options, name)
+            if value is not None:
+                given = "no-open" if value is False else name
+                options.parser.error(f"--{given} goes with --view")
     check_page(options)
 
 

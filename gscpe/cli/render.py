@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from gscpe.cli.common import CAMERA_HELP, Commands, add_backend, show_progress
 from gscpe.errors import CameraError, OutputError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.border import view_in_world
+from gscpe.output_file import write_file
 from gscpe.photos import write_image
 from gscpe.poses.hloc import parse_pose
 from gscpe.render import Renderer
@@ -54,10 +56,9 @@ def run(options: argparse.Namespace) -> int:
     write_image(folder / "rgb.png", view.rgb)
     write_image(folder / "opacity.png", view.opacity)
     write_image(folder / "depth.png", depth_picture(view.depth))
-    try:
-        np.save(folder / "depth.npy", view.depth)
-    except OSError as error:
-        raise OutputError(f"{folder / 'depth.npy'} cannot be written: {error.strerror}") from error
+    depth = io.BytesIO()
+    np.save(depth, view.depth)
+    write_file(folder / "depth.npy", depth.getvalue())
     if not np.any(view.opacity > 0.5):
         print(
             "the map is not visible at this pose; is the pose world to camera, as in COLMAP?",

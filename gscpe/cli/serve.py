@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 from gscpe.batch import ShelfOrder
 from gscpe.cli.common import (
     Commands,
-    add_backend,
-    add_matcher,
-    add_retrieval_model,
+    add_localizing,
     positive,
     shelf_order_of,
 )
@@ -94,9 +92,7 @@ def add_parser(commands: Commands) -> None:
         help="cameras that are followed at a time, a process each "
         f"(default: {Limits.trackers}; 0: none)",
     )
-    add_retrieval_model(parser)
-    add_matcher(parser)
-    add_backend(parser)
+    add_localizing(parser)
     parser.set_defaults(run=run, parser=parser)
 
 

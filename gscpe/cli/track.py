@@ -11,9 +11,7 @@ from gscpe.batch import check_outputs
 from gscpe.cli.common import (
     CAMERA_HELP,
     Commands,
-    add_backend,
-    add_matcher,
-    add_retrieval_model,
+    add_localizing,
     localizer_settings,
     show_progress,
 )
@@ -65,6 +63,15 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--fast", action="store_true", help="frames of half the size: faster, and less exact"
     )
+    _add_source(parser)
+    _add_odometry(parser)
+    add_live(parser)
+    add_localizing(parser)
+    parser.set_defaults(run=run, parser=parser)
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    """What must be told of the frames."""
     source = parser.add_argument_group("the source")
     source.add_argument(
         "--camera",
@@ -86,6 +93,10 @@ def add_parser(commands: Commands) -> None:
     source.add_argument(
         "--topic", help="of a bag's images (default: the only one), for example /camera/image_raw"
     )
+
+
+def _add_odometry(parser: argparse.ArgumentParser) -> None:
+    """Motion that another system has measured."""
     odometry = parser.add_argument_group("odometry")
     odometry.add_argument(
         "--odometry",
@@ -107,38 +118,15 @@ def add_parser(commands: Commands) -> None:
         help='of the odometry\'s body in the camera: "qw qx qy qz tx ty tz" (default: the body is '
         "the camera)",
     )
-    add_live(parser)
-    add_retrieval_model(parser)
-    add_matcher(parser)
-    add_backend(parser)
-    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:
     check_live(options)
-    output = Path(options.output)
-    if not output.name:
-        raise OutputError(f"--output {output} is a folder; give a file for the trajectory")
-    details = Path(options.details or output.with_suffix(".details.jsonl"))
-    inputs = [options.source, options.times, options.odometry, options.camera]
-    check_outputs(
-        [output, options.poses, details, options.overlay],
-        [path for path in inputs if path is not None and Path(path).is_file()],
-    )
+    output, details = _checked_outputs(options)
     odometry = _odometry(options)
-    camera = None if options.camera is None else read_camera(options.camera)
-    frames = open_frames(
-        options.source,
-        camera,
-        images=options.images,
-        times=options.times,
-        topic=options.topic,
-        rate=options.rate,
-    )
-    live = options.realtime or frames.live
-    settings = (
-        TrackingSettings.fast(wait=not live) if options.fast else TrackingSettings(wait=not live)
-    )
+    frames = _frames(options)
+    wait = not (options.realtime or frames.live)
+    settings = TrackingSettings.fast(wait) if options.fast else TrackingSettings(wait)
     tally = Tally()
     with ExitStack() as stack:
         localizer = stack.enter_context(
@@ -182,6 +170,31 @@ def run(options: argparse.Namespace) -> int:
             print(f"{options.overlay}: photo, render and difference", flush=True)
         stay_after(page)
     return 0 if tally.posed else 1
+
+
+def _checked_outputs(options: argparse.Namespace) -> tuple[Path, Path]:
+    """The trajectory and the details; before any work, all outputs can be written."""
+    output = Path(options.output)
+    if not output.name:
+        raise OutputError(f"--output {output} is a folder; give a file for the trajectory")
+    details = Path(options.details or output.with_suffix(".details.jsonl"))
+    inputs = [options.source, options.times, options.odometry, options.camera]
+    check_outputs(
+        [output, options.poses, details, options.overlay],
+        [path for path in inputs if path is not None and Path(path).is_file()],
+    )
+    return output, details
+
+
+def _frames(options: argparse.Namespace) -> Frames:
+    return open_frames(
+        options.source,
+        None if options.camera is None else read_camera(options.camera),
+        images=options.images,
+        times=options.times,
+        topic=options.topic,
+        rate=options.rate,
+    )
 
 
 def _odometry(options: argparse.Namespace) -> Odometry | None:

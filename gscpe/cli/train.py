@@ -23,19 +23,8 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument("--images", required=True, metavar="IMAGE_DIR", help="the model's photos")
     parser.add_argument("--output", required=True, metavar="SPLAT", help=".ply (or .spz) to write")
-    long = parser.add_mutually_exclusive_group()
-    long.add_argument(
-        "--minutes", type=float, default=20.0, help="time to spend (default: %(default)g)"
-    )
-    long.add_argument(
-        "--iterations",
-        type=int,
-        help="number of iterations, instead of a time: the result is then the same on every run",
-    )
+    add_budget(parser)
     parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
-    parser.add_argument(
-        "--max-gaussians", metavar="N", type=int, default=250_000, help="(default: %(default)s)"
-    )
     parser.add_argument(
         "--max-size",
         metavar="PIXELS",
@@ -70,6 +59,26 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.set_defaults(run=run)
+
+
+def add_budget(parser: argparse.ArgumentParser) -> None:
+    """Options of the commands that train: how long, and how large the splat may become."""
+    long = parser.add_mutually_exclusive_group()
+    long.add_argument(
+        "--minutes", type=float, default=20.0, help="of training (default: %(default)g)"
+    )
+    long.add_argument(
+        "--iterations",
+        type=int,
+        help="of training, instead of minutes: the result is then the same on every run",
+    )
+    parser.add_argument(
+        "--max-gaussians",
+        metavar="N",
+        type=int,
+        default=250_000,
+        help="of the splat (default: %(default)s)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ https://docs.nerf.studio/quickstart/data_conventions.html
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +28,7 @@ from gscpe.datasets.photos import (
 from gscpe.datasets.split import every_nth, every_nth_text
 from gscpe.errors import CameraError, DatasetError
 from gscpe.geometry.camera import Camera
+from gscpe.given import parse_json
 from gscpe.photos.photo_name import with_slashes
 
 NAME = "nerfstudio"
@@ -116,7 +116,7 @@ def read_transforms(
 
 def _read_json(path: Path) -> Mapping[str, Any]:
     try:
-        tree = json.loads(read_text(path, SOURCE))
+        tree = parse_json(read_text(path, SOURCE))
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path} is not a JSON file: {error}") from None
     if not isinstance(tree, dict):

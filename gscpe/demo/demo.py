@@ -12,7 +12,7 @@ from typing import Mapping
 import numpy as np
 from tqdm import tqdm
 
-from gscpe.arrays import Float64Array
+from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.demo.motorcycle import Motorcycle, load_motorcycle
 from gscpe.demo.pictures import ARROW_SCALE, shift_picture, shifts
 from gscpe.errors import GscpeError, OutputError
@@ -146,6 +146,22 @@ def _write_pictures(
             _, moved, known = shifts(truth, pose)
             median_shift[stage] = float(np.median(np.linalg.norm(moved[known], axis=1)))
     drawn = {file: picture for file, picture in pictures.values()}
+    begun = f"{100 * np.linalg.norm(pair.right_from_left[:3, 3]):.1f} cm off"
+    pictures["overview"] = ("overview", _overview(drawn, errors, median_shift, begun))
+    paths = {}
+    for name, (file, picture) in pictures.items():
+        paths[name] = (folder / f"{file}.png").resolve()
+        write_image(paths[name], picture)
+    return paths
+
+
+def _overview(
+    drawn: Mapping[str, UInt8Array],
+    errors: Mapping[str, PoseDifference],
+    median_shift: Mapping[str, float],
+    begun: str,
+) -> UInt8Array:
+    """All of it in one picture; ``begun``: how far off the start was, for its caption."""
 
     def off(stage: str) -> str:
         return f"{1000 * errors[stage].distance:.2f} mm, {errors[stage].degrees:.3f} deg off"
@@ -158,8 +174,7 @@ def _write_pictures(
         return f"{stage} pose: {off(stage)}", drawn[f"shift_{stage}"], caption
 
     unseen = "not in the map, which the left photo and its depth made"
-    begun = f"{100 * np.linalg.norm(pair.right_from_left[:3, 3]):.1f} cm off"
-    overview = montage(
+    return montage(
         [
             [
                 ("the right photo, whose pose is sought", drawn["photo"], ""),
@@ -180,9 +195,3 @@ def _write_pictures(
             ],
         ]
     )
-    pictures["overview"] = ("overview", overview)
-    paths = {}
-    for name, (file, picture) in pictures.items():
-        paths[name] = (folder / f"{file}.png").resolve()
-        write_image(paths[name], picture)
-    return paths

@@ -6,11 +6,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Iterator, Sequence
 
-from gscpe.errors import DatasetError, OutputError
+from gscpe.errors import DatasetError
 from gscpe.evaluation.accuracy_tables import accuracy_table, shares_table
 from gscpe.evaluation.runtime_table import runtime_table
 from gscpe.evaluation.scene_run import SceneRun
 from gscpe.evaluation.table import Table, to_json, to_latex, to_markdown, to_text
+from gscpe.output_file import write_file
 
 
 def write_tables(runs: Sequence[SceneRun], folder: str | Path, more: Sequence[Table] = ()) -> None:
@@ -33,11 +34,7 @@ def write_tables(runs: Sequence[SceneRun], folder: str | Path, more: Sequence[Ta
         ("tables.tex", to_latex),
         ("tables.json", to_json),
     ):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(write(tables), encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{folder / name} cannot be written: {error.strerror}") from error
+        write_file(folder / name, write(tables).encode())
 
 
 def benchmark_tables(runs: Sequence[SceneRun]) -> tuple[Table, ...]:

@@ -72,9 +72,20 @@ class TrackFiles(Closing):
             _write(self._details, json.dumps(track_details(frame, result)) + "\n")
 
     def close(self) -> None:
-        """Closes the files."""
+        """Closes the files.
+
+        Raises:
+            OutputError: what was still to be written cannot be.
+        """
+        trouble: OutputError | None = None
         while self._open:
-            self._open.pop().close()
+            file = self._open.pop()
+            try:
+                file.close()
+            except OSError as error:
+                trouble = _cannot_be_written(file, error)
+        if trouble is not None:
+            raise trouble
 
 
 def track_details(frame: Frame, result: TrackingResult | None) -> dict[str, Any]:
@@ -111,4 +122,8 @@ def _write(file: TextIO | None, line: str) -> None:
     try:
         file.write(line)
     except OSError as error:
-        raise OutputError(f"{file.name} cannot be written: {error.strerror}") from error
+        raise _cannot_be_written(file, error) from error
+
+
+def _cannot_be_written(file: TextIO, error: OSError) -> OutputError:
+    return OutputError(f"{file.name} cannot be written: {error.strerror}")

@@ -10,9 +10,11 @@ from typing import Any, Literal, Sequence, TypeAlias
 
 import numpy as np
 
-from gscpe.errors import MapError, OutputError
+from gscpe.errors import MapError, SettingsError
 from gscpe.evaluation.text import degrees_text, length_text
+from gscpe.given import parse_json
 from gscpe.making.settings import CertificateSettings
+from gscpe.output_file import write_file
 from gscpe.scene.map_folder import CERTIFICATE
 
 Verdict: TypeAlias = Literal["good", "usable", "poor"]
@@ -193,11 +195,7 @@ def write_certificate(map_folder: str | Path, certificate: Certificate) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    path = Path(map_folder) / CERTIFICATE
-    try:
-        path.write_text(certificate.to_json(), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error}") from error
+    write_file(Path(map_folder) / CERTIFICATE, certificate.to_json().encode())
 
 
 def read_certificate(map_folder: str | Path) -> Certificate | None:
@@ -210,7 +208,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
     if not path.exists():
         return None
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse_json(path.read_text(encoding="utf-8"))
         return Certificate(
             photos=tuple(CertifiedPhoto(**photo) for photo in data["photos"]),
             scene_size=float(data["scene_size"]),
@@ -220,7 +218,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
             settings=CertificateSettings(**data["settings"]),
             of_renders=bool(data.get("of_renders", False)),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, SettingsError) as error:
         raise MapError(f"{path} is damaged ({error}); delete it, or make the map again") from error
 
 

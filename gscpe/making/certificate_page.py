@@ -15,10 +15,10 @@ import numpy as np
 from markupsafe import Markup
 
 from gscpe.arrays import Float32Array, UInt8Array
-from gscpe.errors import OutputError
 from gscpe.evaluation.text import degrees_text, number_text, share_text
 from gscpe.making.certificate import Certificate, CertifiedPhoto
 from gscpe.making.certificate_tables import photo_table
+from gscpe.output_file import write_file
 from gscpe.photos import to_uint8
 from gscpe.report.encode import data_uris
 
@@ -99,12 +99,7 @@ def write_certificate_page(
             ),
         }
     )
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(text.encode("utf-8", "replace"))
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(path, text.encode("utf-8", "replace"))
 
 
 def _row(photo: Float32Array, render: Float32Array, width: int) -> list[UInt8Array]:

@@ -6,11 +6,13 @@ from __future__ import annotations
 import hashlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 import numpy as np
 
+from gscpe.arrays import Float32Array
 from gscpe.errors import OutputError, SettingsError
+from gscpe.given import real_path
 from gscpe.making.certificate import Certificate, write_certificate
 from gscpe.making.certificate_page import write_certificate_page
 from gscpe.making.certify import certify
@@ -22,6 +24,7 @@ from gscpe.reconstruction import (
     PoseRefinementSettings,
     Reconstruction,
     ScaleSource,
+    not_kept_if_refused,
     open_work_folder,
     reconstruct,
     refine_known_poses,
@@ -117,48 +120,84 @@ def make_map(
     check_map_output(output)
     output, work = Path(output).absolute(), work_folder_of(output)
     open_work_folder(work, _stamp(source, settings, masks, refinement), resume, _FINISHED)
-    folder, going_on = work / "model", (work / "model").exists()
-    reconstruction = None
-    if not isinstance(source, KnownPoses):
-        reconstruction = reconstruct(
-            source, folder, settings.reconstruction, scale, masks, going_on, progress
-        )
-    elif refinement is not None:
-        reconstruction = refine_known_poses(
-            source, folder, settings.reconstruction, refinement, masks, going_on, progress
-        )
-    if reconstruction is not None:
-        if reconstructed is not None:
-            reconstructed(reconstruction)
-        model, images = reconstruction.model_folder, reconstruction.image_folder
-        unit = reconstruction.frame.metres_per_unit
-    else:
-        assert isinstance(source, KnownPoses)
-        model, images = known_model(source, work), source.image_folder
-        unit = source.metres_per_unit
-    references = read_colmap_references(model, images)
-    if masks is not None and reconstruction is None:
+    with not_kept_if_refused(work):
+        placed = _placed(source, work, settings, scale, refinement, masks, progress)
+    if placed.reconstruction is not None and reconstructed is not None:
+        reconstructed(placed.reconstruction)
+    references = read_colmap_references(placed.model, placed.images)
+    if masks is not None and placed.reconstruction is None:
         check_masks(Path(masks), list(references.names))
     learned, left_out = split_references(references, settings.test_every)
     splat = work / _SPLAT
     _check_frame(splat, learned)
     if not (splat.exists() and resume):
         max_size = settings.reconstruction.max_size
-        _train(learned, model, images, splat, training, max_size, masks, progress)
+        _train(learned, placed, splat, training, max_size, masks, progress)
     scene = read_splat(splat)
-    map_ = build_map(scene, learned, images, MapSettings(settings.retrieval, unit), progress)
-    save_map(map_, output)
+    kept = MapSettings(settings.retrieval, placed.metres_per_unit)
+    save_map(build_map(scene, learned, placed.images, kept, progress), output)
     certificate = page = None
     if len(left_out):
         certificate, pictures = certify(
-            open_map(output), left_out, images, settings.certificate, backend, progress=progress
+            *(open_map(output), left_out, placed.images, settings.certificate, backend),
+            progress=progress,
         )
-        page = output / CERTIFICATE_PAGE
-        facts = {"structure from motion": str(reconstruction)} if reconstruction else {}
-        write_certificate_page(page, output.name, certificate, pictures, facts)
-        write_certificate(output, certificate)
+        page = _write_both(output, certificate, pictures, placed.reconstruction)
     (work / _FINISHED).touch()
-    return MadeMap(output, len(scene), len(learned), reconstruction, certificate, page)
+    return MadeMap(output, len(scene), len(learned), placed.reconstruction, certificate, page)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Photos whose poses are known by now.
+
+    Attributes:
+        model: COLMAP model of them.
+        images: folder of the photos.
+        metres_per_unit: of the model; None where it is not known.
+        reconstruction: what found or refined the poses; None where they were taken as they are.
+    """
+
+    model: Path
+    images: Path
+    metres_per_unit: float | None
+    reconstruction: Reconstruction | None
+
+
+def _placed(
+    source: str | Path | Sequence[str | Path] | KnownPoses,
+    work: Path,
+    settings: MakeMapSettings,
+    scale: ScaleSource,
+    refinement: PoseRefinementSettings | None,
+    masks: str | Path | None,
+    progress: bool,
+) -> _Placed:
+    """Poses are found, refined, or taken as they are; what is in the folder is gone on with."""
+    folder, how = work / "model", settings.reconstruction
+    going_on = folder.exists()
+    if not isinstance(source, KnownPoses):
+        done = reconstruct(source, folder, how, scale, masks, going_on, progress)
+    elif refinement is not None:
+        done = refine_known_poses(source, folder, how, refinement, masks, going_on, progress)
+    else:
+        model = known_model(source, work)
+        return _Placed(model, source.image_folder, source.metres_per_unit, None)
+    return _Placed(done.model_folder, done.image_folder, done.frame.metres_per_unit, done)
+
+
+def _write_both(
+    output: Path,
+    certificate: Certificate,
+    pictures: Mapping[str, tuple[Float32Array, Float32Array]],
+    reconstruction: Reconstruction | None,
+) -> Path:
+    """The certificate, and the page for people, into the map's folder."""
+    page = output / CERTIFICATE_PAGE
+    facts = {"structure from motion": str(reconstruction)} if reconstruction else {}
+    write_certificate_page(page, output.name, certificate, pictures, facts)
+    write_certificate(output, certificate)
+    return page
 
 
 def _training_settings(settings: MakeMapSettings) -> TrainingSettings:
@@ -195,8 +234,7 @@ def _check_frame(splat: Path, learned: References) -> None:
 
 def _train(
     learned: References,
-    model: Path,
-    images: Path,
+    placed: _Placed,
     splat: Path,
     settings: TrainingSettings,
     max_size: int,
@@ -214,8 +252,8 @@ def _train(
         train_references,
     )
 
-    points = first_points(model, images)
-    photos = read_photos(learned, images, max_size, masks)
+    points = first_points(placed.model, placed.images)
+    photos = read_photos(learned, placed.images, max_size, masks)
     resume = checkpoint_of(splat).exists()
     with closing(ProgressBar()) if progress else nullcontext() as bar:
         train_references(learned, photos, points, splat, settings, resume, bar)
@@ -234,11 +272,11 @@ def _stamp(
         "iterations": settings.iterations,
         "max_gaussians": settings.max_gaussians,
         "seed": settings.seed,
-        "masks": None if masks is None else str(Path(masks).resolve()),
+        "masks": None if masks is None else str(real_path(masks)),
         "reconstruction": asdict(settings.reconstruction),
     }
     if isinstance(source, KnownPoses):
-        stamp["photos"] = str(source.image_folder.resolve())
+        stamp["photos"] = str(real_path(source.image_folder))
         stamp["poses"] = fingerprint(source)
         stamp["refinement"] = None if refinement is None else asdict(refinement)
     return stamp

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from gscpe.errors import InputError, PoseError, SettingsError
 from gscpe.geometry.similarity_transform import Similarity
+from gscpe.given import parse_json, reading_failed
 
 
 def read_transform(path: str | Path) -> Similarity:
@@ -26,7 +26,7 @@ def read_transform(path: str | Path) -> Similarity:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise SettingsError(f"transform {path} cannot be read: {error}") from error
+        raise SettingsError(f"transform {path} cannot be read: {reading_failed(error)}") from error
     try:
         return _parse(text)
     except (ValueError, TypeError, KeyError, InputError) as error:
@@ -41,7 +41,7 @@ def _parse(text: str) -> Similarity:
     if text.lstrip()[:1] not in ("{", "["):
         rows = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
         return Similarity.of_matrix([[float(word) for word in row] for row in rows if row])
-    data = json.loads(text)
+    data = parse_json(text)
     if isinstance(data, list):
         return Similarity.of_matrix(data)
     rigid = Similarity.of_matrix(data["transform"])

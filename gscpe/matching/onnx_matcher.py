@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import NoneType
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from gscpe.errors import ModelError, SettingsError
+from gscpe.given import parse_json
 from gscpe.matching.polish import PolishSettings, for_polishing, polish
 from gscpe.matching.protocol import Matches
 from gscpe.models import open_session
@@ -92,7 +92,7 @@ class OnnxMatcher:
         """
         self._path = Path(path)
         if not self._path.is_file():
-            raise ModelError(f"{path} is missing; give the path of an ONNX file")
+            raise ModelError(f"{path} is missing, or no file; give the path of an ONNX file")
         self._settings = settings or _read_settings(self._path.with_suffix(".json"))
         self._session = open_session(path, threads)
         self._channels, self._fixed_size = self._check_inputs()
@@ -222,7 +222,7 @@ def _read_settings(path: Path) -> OnnxMatcherSettings:
         return OnnxMatcherSettings()
     known = [each.name for each in fields(OnnxMatcherSettings)]
     try:
-        values = json.loads(path.read_bytes())
+        values = parse_json(path.read_bytes())
         if not isinstance(values, dict) or not set(values) <= set(known):
             raise ValueError(f"it must be an object with some of {', '.join(known)}")
         polishing = values.pop("polish", True)

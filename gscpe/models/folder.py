@@ -6,13 +6,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Mapping
 
 from gscpe.errors import ModelError, OutputError
+from gscpe.given import parse_json
 from gscpe.models.catalogue import CATALOGUE, ModelSource, find_source
+from gscpe.output_file import replace_file
 
 VERSION = 1
 """Of the graphs that this gscpe makes; models of another version are made anew."""
@@ -118,25 +119,13 @@ def write_model(source: ModelSource, networks: Mapping[str, bytes], licence: byt
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in contents.items():
-            _write_atomically(folder / name, data)
+            replace_file(folder / name, data)
     except OSError as error:
         raise OutputError(
             f"models cannot be written to {folder}: {error.strerror}; "
             f"name another folder in the environment variable {FOLDER_VARIABLE}"
         ) from error
     return folder
-
-
-def _write_atomically(path: Path, data: bytes) -> None:
-    handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.chmod(partial, 0o644)
-        os.replace(partial, path)
-    except BaseException:
-        Path(partial).unlink(missing_ok=True)
-        raise
 
 
 def _inspect(model: str, network: str) -> InstalledFile:
@@ -153,7 +142,7 @@ def _inspect(model: str, network: str) -> InstalledFile:
 
 def _state(path: Path, data: bytes) -> str:
     try:
-        manifest = json.loads((path.parent / _MANIFEST).read_bytes())
+        manifest = parse_json((path.parent / _MANIFEST).read_bytes())
         version, expected = manifest["version"], manifest["sha256"][path.name]
     except (OSError, ValueError, KeyError, TypeError):
         return "damaged"

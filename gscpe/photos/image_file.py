@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gscpe.arrays import Float32Array, UInt8Array
 from gscpe.errors import CameraError, OutputError, PhotoError
 from gscpe.geometry.camera import Camera
+from gscpe.output_file import write_file
 from gscpe.photos.orientation import exif_orientation, swaps_sides, turned_image
 
 _JPEG, _RADIANCE = b"\xff\xd8", (b"#?RADIANCE", b"#?RGBE")
@@ -210,8 +211,4 @@ def write_image(path: str | Path, rgb: UInt8Array | Float32Array) -> None:
         encoded = False
     if not encoded:
         raise OutputError(f"{path}: cannot encode an image of this kind; use .png or .jpg")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(path, data.tobytes())

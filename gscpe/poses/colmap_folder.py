@@ -16,6 +16,7 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError, PoseError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
+from gscpe.output_file import write_file
 
 _MODELS = {"PINHOLE": 1, "FULL_OPENCV": 6}
 """COLMAP's numbers of the models that :meth:`Camera.colmap_text` writes."""
@@ -75,11 +76,8 @@ def complete_text_model(
     ids = camera_ids(poses, cameras)
     lines = [f"{number} {camera.colmap_text()}\n" for camera, number in ids.items()]
     head = "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-    try:
-        (folder / "cameras.txt").write_text(head + "".join(lines), encoding="utf-8")
-        (folder / "points3D.txt").write_text("# no points\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be written: {error.strerror}") from error
+    write_file(folder / "cameras.txt", (head + "".join(lines)).encode())
+    write_file(folder / "points3D.txt", b"# no points\n")
     return True
 
 
@@ -106,4 +104,4 @@ def _camera(camera: Camera, number: int) -> bytes:
 
 
 def _write(path: Path, records: Sequence[bytes]) -> None:
-    path.write_bytes(struct.pack("<Q", len(records)) + b"".join(records))
+    write_file(path, struct.pack("<Q", len(records)) + b"".join(records))

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Mapping
 
 from gscpe.arrays import Float64Array, short_repr
-from gscpe.errors import OutputError, PoseError
+from gscpe.errors import PoseError
 from gscpe.geometry.camera import Camera
+from gscpe.output_file import write_file
 from gscpe.photos.photo_name import quoted_name
 from gscpe.poses.colmap_images import format_colmap_images, parse_colmap_images
 from gscpe.poses.detect import PoseFormat, detect_format
@@ -103,12 +104,7 @@ def write_pose_file(
         )
     else:
         text = "".join(f"{quoted_name(name)} {format_pose(pose)}\n" for name, pose in poses.items())
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(path, text.encode())
 
 
 def format_of_path(path: str | Path) -> PoseFormat:

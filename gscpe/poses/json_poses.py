@@ -12,6 +12,7 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError, PoseError
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
+from gscpe.given import parse_json
 from gscpe.poses.hloc import add_pose, parse_pose
 
 FORMAT = "gscpe poses"
@@ -78,7 +79,7 @@ def format_json_poses(
 def _entries(text: str, source: str) -> Iterator[tuple[str, Any]]:
     """The objects of a file of poses, a list, one object, or an object a line."""
     try:
-        data = json.loads(text)
+        data = parse_json(text)
     except json.JSONDecodeError as error:
         if error.msg != "Extra data":
             raise PoseError(
@@ -103,7 +104,7 @@ def _lines(text: str, source: str) -> Iterator[tuple[str, Any]]:
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip():
             try:
-                yield f"{source}, line {number}", json.loads(line)
+                yield f"{source}, line {number}", parse_json(line)
             except json.JSONDecodeError as error:
                 raise PoseError(
                     f"{source}, line {number}: not JSON ({error.msg}); expected an object a line"

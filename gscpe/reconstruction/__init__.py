@@ -10,7 +10,7 @@ from gscpe.reconstruction.result import Reconstruction, RefinedPoses
 from gscpe.reconstruction.scale import ScaleSource
 from gscpe.reconstruction.settings import PoseRefinementSettings, ReconstructionSettings
 from gscpe.reconstruction.sharpness import sharpness
-from gscpe.reconstruction.work_folder import open_work_folder
+from gscpe.reconstruction.work_folder import not_kept_if_refused, open_work_folder
 
 __all__ = [
     "KnownLengths",
@@ -21,6 +21,7 @@ __all__ = [
     "ReconstructionSettings",
     "RefinedPoses",
     "ScaleSource",
+    "not_kept_if_refused",
     "open_work_folder",
     "read_lengths",
     "reconstruct",

@@ -42,13 +42,10 @@ def scaled_by_depth(model: Any, folder: Path, per_metre: float) -> Similarity:
         if path is None:
             continue
         used += 1
-        depth = _read_depth(path, image.camera.width, image.camera.height) / per_metre
+        depth = read_depth(path, image.camera.width, image.camera.height) / per_metre
         ratios.append(_ratios(model, image, depth))
     if not used:
-        raise ReconstructionError(
-            f"{folder} has no depth image of the photos that were placed; they are named like "
-            f"them, for example {Path(looked_for).with_suffix('.png')}"
-        )
+        raise no_depth_images(folder, looked_for)
     all_ = np.concatenate(ratios)
     if len(all_) < _LEAST_POINTS:
         raise ReconstructionError(
@@ -66,8 +63,21 @@ def scaled_by_depth(model: Any, folder: Path, per_metre: float) -> Similarity:
     return Similarity(scale, np.eye(3), np.zeros(3))
 
 
-def _read_depth(path: Path, width: int, height: int) -> Float64Array:
-    """(H, W), as it is stored; NaN where it is not known."""
+def no_depth_images(folder: Path, photo: str) -> ReconstructionError:
+    """The error where a folder has none of any photo; ``photo`` is the name of one."""
+    return ReconstructionError(
+        f"{folder} has no depth image of the photos; they are named like them, for example "
+        f"{Path(photo).with_suffix('.png')}"
+    )
+
+
+def read_depth(path: Path, width: int, height: int) -> Float64Array:
+    """A depth image, (H, W), as it is stored; NaN where it is not known.
+
+    Raises:
+        ReconstructionError: it is something else, or of another shape than its photo, whose width
+            and height are given.
+    """
     data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     depth = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     if depth is None or depth.ndim != 2 or depth.dtype != np.uint16:

@@ -40,7 +40,9 @@ def known_model(source: KnownPoses, work: Path) -> Path:
     if source.colmap is not None:
         return source.colmap
     if not source.poses:
-        raise PoseError("known poses are a COLMAP model, or poses and cameras by photo")
+        raise PoseError(
+            "there is no known pose: give a COLMAP model, or poses and cameras by photo"
+        )
     missing = [name for name in source.poses if not (source.image_folder / name).is_file()]
     if missing:
         raise ReconstructionError(

@@ -11,6 +11,7 @@ from typing import Mapping
 import numpy as np
 
 from gscpe.errors import SettingsError
+from gscpe.given import reading_failed
 
 _FORM = (
     "a line NAME,PHOTO,X,Y says where a photo shows a point, and a line NAME,NAME,METRES how far "
@@ -44,7 +45,7 @@ def read_lengths(path: Path) -> KnownLengths:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError) as error:
-        raise SettingsError(f"{path} cannot be read: {error}") from error
+        raise SettingsError(f"{path} cannot be read: {reading_failed(error)}") from error
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import combinations
 from pathlib import Path
 from typing import Callable, Sequence
@@ -14,9 +13,9 @@ from gscpe.arrays import Float32Array
 from gscpe.geometry.camera import Camera
 from gscpe.photos import Photo, read_image
 from gscpe.photos.photo import LazyPhotos
-from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.settings import ReconstructionSettings
+from gscpe.reconstruction.work_folder import read_kept, write_kept
 from gscpe.retrieval import describe_references
 
 
@@ -50,12 +49,9 @@ def chosen_once(path: Path, choose: Callable[[], list[tuple[str, str]]]) -> list
         OutputError: it cannot be written.
     """
     if path.exists():
-        return [(a, b) for a, b in json.loads(path.read_text(encoding="utf-8"))]
+        return [(a, b) for a, b in read_kept(path)]
     pairs = choose()
-    with when_full(path):
-        part = path.with_name(path.name + ".part")
-        part.write_text(json.dumps(pairs), encoding="utf-8")
-        part.replace(path)
+    write_kept(path, pairs)
     return pairs
 
 

@@ -5,10 +5,10 @@ them."""
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Callable
 
 import cv2
 import numpy as np
@@ -25,6 +25,7 @@ from gscpe.reconstruction.frames import choose_frames, read_frames, watch
 from gscpe.reconstruction.settings import ReconstructionSettings
 from gscpe.reconstruction.sharpness import sharpness
 from gscpe.reconstruction.sources import Source
+from gscpe.reconstruction.work_folder import read_kept, write_kept
 
 _log = logging.getLogger(__name__)
 
@@ -125,21 +126,24 @@ def _check_name(name: str) -> None:
         raise PhotoError("has a name that is not UTF-8; rename it") from None
 
 
-def read_prepared(path: Path) -> tuple[list[PreparedPhoto], dict[str, str]]:
-    """What :func:`write_prepared` wrote."""
-    stored = json.loads(path.read_text(encoding="utf-8"))
-    photos = [
-        PreparedPhoto(**{**entry, **{key: entry.get(key) and tuple(entry[key]) for key in _TUPLES}})
-        for entry in stored["photos"]
-    ]
-    return photos, dict(stored["unusable"])
+Prepared = tuple[list[PreparedPhoto], dict[str, str]]
+"""The photos, and why others cannot be used, by name."""
 
 
-def write_prepared(path: Path, photos: list[PreparedPhoto], unusable: dict[str, str]) -> None:
-    """Keeps the list, for a run that goes on."""
-    stored = {"photos": [asdict(photo) for photo in photos], "unusable": unusable}
-    with when_full(path):
-        path.write_text(json.dumps(stored, indent=1), encoding="utf-8")
+def prepared_once(listed: Path, prepare: Callable[[], Prepared]) -> Prepared:
+    """What ``prepare`` gives. It is kept in the file ``listed``, for a run that goes on."""
+    if listed.exists():
+        stored = read_kept(listed)
+        photos = [
+            PreparedPhoto(
+                **{**entry, **{key: entry.get(key) and tuple(entry[key]) for key in _TUPLES}}
+            )
+            for entry in stored["photos"]
+        ]
+        return photos, dict(stored["unusable"])
+    photos, unusable = prepare()
+    write_kept(listed, {"photos": [asdict(photo) for photo in photos], "unusable": unusable})
+    return photos, unusable
 
 
 def write_photo(

@@ -102,16 +102,22 @@ def scaled_by_points(
     return Similarity(float(np.exp(mean)), np.eye(3), np.zeros(3))
 
 
+def check_pixel(point: str, photo: str, pixel: tuple[float, float], size: tuple[int, int]) -> None:
+    """Raises ReconstructionError where a point is not within its photo, of this width and height
+    as displayed; the centre of the top-left pixel is (0.5, 0.5)."""
+    if not (0 <= pixel[0] <= size[0] and 0 <= pixel[1] <= size[1]):
+        raise ReconstructionError(
+            f"point {point!r} is at {pixel[0]:g}, {pixel[1]:g} in {photo}, outside of its "
+            f"{size[0]}x{size[1]} pixels"
+        )
+
+
 def _sight(
     point: str, image: Any, pixel: tuple[float, float], sizes: Mapping[str, tuple[int, int]]
 ) -> _Sight:
     camera, photo = image.camera, str(image.name)
     width, height = sizes.get(photo, (camera.width, camera.height))
-    if not (0 <= pixel[0] <= width and 0 <= pixel[1] <= height):
-        raise ReconstructionError(
-            f"point {point!r} is at {pixel[0]:g}, {pixel[1]:g} in {photo}, outside of its "
-            f"{width}x{height} pixels"
-        )
+    check_pixel(point, photo, pixel, (width, height))
     scaled = np.array([pixel]) * (camera.width / width, camera.height / height)
     direction = camera.cam_from_img(scaled)
     if direction is None or not np.all(np.isfinite(direction)):

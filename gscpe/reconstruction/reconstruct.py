@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
@@ -19,10 +17,10 @@ from gscpe.reconstruction.masks import prepare_masks
 from gscpe.reconstruction.pairs import choose_pairs, chosen_once
 from gscpe.reconstruction.parallax import parallax
 from gscpe.reconstruction.photos import (
+    Prepared,
     PreparedPhoto,
     prepare_photos,
-    read_prepared,
-    write_prepared,
+    prepared_once,
 )
 from gscpe.reconstruction.result import (
     BYTES_A_PHOTO,
@@ -30,13 +28,21 @@ from gscpe.reconstruction.result import (
     RESULT,
     Clock,
     Reconstruction,
+    stamp_of,
     why_not_placed,
+    write_model,
     write_result,
 )
 from gscpe.reconstruction.scale import ScaleSource
+from gscpe.reconstruction.scale_check import check_scale_source
 from gscpe.reconstruction.settings import ReconstructionSettings
-from gscpe.reconstruction.sources import Source, find_source
-from gscpe.reconstruction.work_folder import open_work_folder
+from gscpe.reconstruction.sources import find_source
+from gscpe.reconstruction.work_folder import (
+    not_kept_if_refused,
+    open_work_folder,
+    read_kept,
+    write_kept,
+)
 
 _LEAST_PHOTOS = 3
 _LEAST_PARALLAX = 0.003  # 0.0006 for a mere turn, 0.016 to 0.025 for walks in and around houses
@@ -78,19 +84,19 @@ def reconstruct(
     settings, scale = settings or ReconstructionSettings(), scale or ScaleSource()
     found = find_source([source] if isinstance(source, str | Path) else source)
     folder = Path(folder)
-    stamp = {
-        "photos": found.stamp(),
-        "settings": asdict(settings),
-        "masks": None if masks is None else str(Path(masks).resolve()),
-    }
+    stamp = {"photos": found.stamp(), **stamp_of(settings, masks)}
     open_work_folder(folder, stamp, resume, RESULT)
     clock = Clock()
     images, database = folder / "images", folder / "database.db"
-    photos, unusable = _prepared(found, folder, settings, clock, progress)
-    mask_folder = None
-    if masks is not None:
-        mask_folder = folder / "masks"
-        prepare_masks(photos, Path(masks), mask_folder)
+
+    def prepare() -> Prepared:
+        with clock.step("photos"):
+            return prepare_photos(found, images, settings, progress)
+
+    with not_kept_if_refused(folder):
+        photos, unusable = prepared_once(folder / "photos.json", prepare)
+    check_scale_source(scale, photos, unusable)
+    mask_folder = prepare_masks(photos, masks, folder)
     by_size = _put_together(photos, folder, mask_folder, settings, clock, progress)
     features, shared = colmap.verified_pairs(database)
     if not by_size or by_size[0].num_reg_images() < _LEAST_PHOTOS:
@@ -104,12 +110,8 @@ def reconstruct(
     gps = {photo.name: photo.gps for photo in photos if photo.gps is not None}
     sizes = {photo.name: photo.full_size for photo in photos if photo.full_size is not None}
     frame = settle_frame(model, scale, gps, sizes)
-    sparse = folder / "sparse" / "0"
-    with when_full(sparse):
-        sparse.mkdir(parents=True, exist_ok=True)
-        model.write(str(sparse))
     result = Reconstruction(
-        model_folder=sparse,
+        model_folder=write_model(model, folder),
         image_folder=images,
         placed=placed_names,
         not_placed=why_not_placed(
@@ -155,8 +157,8 @@ def _put_together(
                 target = models / f"by-size-{number}"
                 target.mkdir(parents=True)
                 each.write(str(target))
-            done.write_text(json.dumps(len(placed)), encoding="utf-8")
-    count = int(json.loads(done.read_text(encoding="utf-8")))
+        write_kept(done, len(placed))
+    count = int(read_kept(done))
     read = colmap.require_pycolmap().Reconstruction
     return [read(str(models / f"by-size-{number}")) for number in range(count)]
 
@@ -171,22 +173,6 @@ def _check_parallax(database: Path, names: Sequence[str]) -> None:
             f"moves by {moved:.2%} of the picture beyond what turning the camera does, which does "
             "not tell how far it is. Step sideways between two photos, do not only turn"
         )
-
-
-def _prepared(
-    source: Source,
-    folder: Path,
-    settings: ReconstructionSettings,
-    clock: Clock,
-    progress: bool,
-) -> tuple[list[PreparedPhoto], dict[str, str]]:
-    listed = folder / "photos.json"
-    if listed.exists():
-        return read_prepared(listed)
-    with clock.step("photos"):
-        photos, unusable = prepare_photos(source, folder / "images", settings, progress)
-    write_prepared(listed, photos, unusable)
-    return photos, unusable
 
 
 def _why_none(

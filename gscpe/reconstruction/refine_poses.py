@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
@@ -13,14 +13,15 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import ReconstructionError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.neighbours import pairs_by_pose
+from gscpe.given import real_path
 from gscpe.reconstruction import colmap
-from gscpe.reconstruction.disk import require_space, when_full
+from gscpe.reconstruction.disk import require_space
 from gscpe.reconstruction.epipolar import read_matched_pairs
 from gscpe.reconstruction.frame import ModelFrame, poses_of
 from gscpe.reconstruction.known_poses import KnownPoses, fingerprint, known_model
 from gscpe.reconstruction.masks import prepare_masks
 from gscpe.reconstruction.pairs import choose_pairs, chosen_once
-from gscpe.reconstruction.photos import PreparedPhoto, read_prepared, write_prepared
+from gscpe.reconstruction.photos import Prepared, PreparedPhoto, prepared_once
 from gscpe.reconstruction.pose_adjustment import Bounds, adjust_poses
 from gscpe.reconstruction.pose_report import (
     agreement,
@@ -37,11 +38,13 @@ from gscpe.reconstruction.result import (
     Clock,
     Reconstruction,
     read_result,
+    stamp_of,
     why_not_placed,
+    write_model,
     write_result,
 )
 from gscpe.reconstruction.settings import PoseRefinementSettings, ReconstructionSettings
-from gscpe.reconstruction.work_folder import open_work_folder
+from gscpe.reconstruction.work_folder import not_kept_if_refused, open_work_folder
 from gscpe.scene.colmap_database import pycolmap_camera, set_cameras
 from gscpe.scene.colmap_model import read_colmap_references
 
@@ -86,23 +89,15 @@ def refine_known_poses(
         MissingDependencyError: pycolmap is not installed.
     """
     colmap.require_pycolmap()
-    settings, refinement = (
-        settings or ReconstructionSettings(),
-        refinement or PoseRefinementSettings(),
-    )
+    settings = settings or ReconstructionSettings()
+    refinement = refinement or PoseRefinementSettings()
     folder = Path(folder)
-    stamp = {
-        "photos": str(source.image_folder.resolve()),
-        "poses": fingerprint(source),
-        "settings": asdict(settings),
-        "refinement": asdict(refinement),
-        "masks": None if masks is None else str(Path(masks).resolve()),
-    }
-    open_work_folder(folder, stamp, resume, RESULT)
+    open_work_folder(folder, _stamp(source, settings, refinement, masks), resume, RESULT)
     if (folder / RESULT).exists():
         return read_result(folder / RESULT)
     clock = Clock()
-    photos, unusable, given = _prepared(source, folder, settings.max_size, clock, progress)
+    with not_kept_if_refused(folder):
+        photos, unusable, given = _prepared(source, folder, settings.max_size, clock, progress)
     database = folder / "database.db"
     _match(photos, given, folder, settings, masks, clock, progress)
     matched = read_matched_pairs(database)
@@ -123,15 +118,11 @@ def refine_known_poses(
     features, shared = colmap.verified_pairs(database)
     reasons = why_not_placed(photos, unusable, set(placed), (), features, shared, settings)
     fit = agreement(matched, given, bounds.first)
-    for name in reasons:
-        if shared.get(name, 0) and features[name] >= FEW_FEATURES:
-            reasons[name] = why_not_refined(fit[name], shared[name], bounds, name in enough)
-    sparse = folder / "sparse" / "0"
-    with when_full(sparse):
-        sparse.mkdir(parents=True, exist_ok=True)
-        model.write(str(sparse))
+    overlap = [name for name in reasons if shared.get(name, 0) and features[name] >= FEW_FEATURES]
+    for name in overlap:
+        reasons[name] = why_not_refined(fit[name], shared[name], bounds, name in enough)
     result = Reconstruction(
-        model_folder=sparse,
+        model_folder=write_model(model, folder),
         image_folder=folder / "images",
         placed=tuple(placed),
         not_placed=reasons,
@@ -146,20 +137,34 @@ def refine_known_poses(
     return result
 
 
+def _stamp(
+    source: KnownPoses,
+    settings: ReconstructionSettings,
+    refinement: PoseRefinementSettings,
+    masks: str | Path | None,
+) -> dict[str, Any]:
+    """What must be the same where a run is gone on with."""
+    return {
+        "photos": str(real_path(source.image_folder)),
+        "poses": fingerprint(source),
+        "refinement": asdict(refinement),
+        **stamp_of(settings, masks),
+    }
+
+
 def _prepared(
     source: KnownPoses, folder: Path, max_size: int, clock: Clock, progress: bool
 ) -> tuple[list[PreparedPhoto], dict[str, str], dict[str, Float64Array]]:
     """Photos, why others cannot be used, and poses by name."""
     references = read_colmap_references(known_model(source, folder), source.image_folder)
-    listed = folder / "photos.json"
-    if listed.exists():
-        photos, unusable = read_prepared(listed)
-    else:
+
+    def prepare() -> Prepared:
         with clock.step("photos"):
-            photos, unusable = prepare_posed_photos(
+            return prepare_posed_photos(
                 references, source.image_folder, folder / "images", max_size, progress
             )
-        write_prepared(listed, photos, unusable)
+
+    photos, unusable = prepared_once(folder / "photos.json", prepare)
     if len(photos) < _LEAST_PHOTOS:
         why = f" ({next(iter(unusable.values()))})" if unusable else ""
         raise ReconstructionError(
@@ -180,10 +185,8 @@ def _match(
     progress: bool,
 ) -> None:
     """Features, the cameras as they are known, and matches; into the database."""
-    images, database, mask_folder = folder / "images", folder / "database.db", None
-    if masks is not None:
-        mask_folder = folder / "masks"
-        prepare_masks(photos, Path(masks), mask_folder)
+    images, database = folder / "images", folder / "database.db"
+    mask_folder = prepare_masks(photos, masks, folder)
     if not database.exists():
         require_space(folder, BYTES_A_PHOTO * len(photos))
     with clock.step("features"):

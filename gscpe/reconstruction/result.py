@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
 from contextlib import contextmanager
@@ -12,10 +11,12 @@ from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
 from gscpe.errors import ReconstructionError
+from gscpe.given import parse_json, real_path
 from gscpe.reconstruction.disk import when_full
 from gscpe.reconstruction.frame import ModelFrame
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.settings import ReconstructionSettings
+from gscpe.reconstruction.work_folder import write_kept
 
 _log = logging.getLogger(__name__)
 
@@ -126,6 +127,25 @@ def why_not_placed(
     return dict(sorted(reasons.items()))
 
 
+def stamp_of(settings: ReconstructionSettings, masks: str | Path | None) -> dict[str, Any]:
+    """What of a run's settings must be the same where it is gone on with; JSON."""
+    where = None if masks is None else str(real_path(masks))
+    return {"settings": asdict(settings), "masks": where}
+
+
+def write_model(model: Any, folder: Path) -> Path:
+    """Writes a pycolmap.Reconstruction to ``sparse/0`` in a folder, which is returned.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    sparse = folder / "sparse" / "0"
+    with when_full(sparse):
+        sparse.mkdir(parents=True, exist_ok=True)
+        model.write(str(sparse))
+    return sparse
+
+
 def write_result(path: Path, result: Reconstruction) -> None:
     """For people and programs.
 
@@ -135,8 +155,7 @@ def write_result(path: Path, result: Reconstruction) -> None:
     data: dict[str, Any] = asdict(result)
     for name in ("model_folder", "image_folder"):
         data[name] = str(getattr(result, name).relative_to(path.parent))
-    with when_full(path):
-        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    write_kept(path, data)
 
 
 def read_result(path: Path) -> Reconstruction:
@@ -146,7 +165,7 @@ def read_result(path: Path) -> Reconstruction:
         ReconstructionError: it is damaged.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse_json(path.read_text(encoding="utf-8"))
         refined = data["refined"]
         frame = data["frame"]
         return Reconstruction(

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Collection, Mapping
+from typing import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -116,12 +116,7 @@ def scaled_like_poses(cam_from_world: Mapping[str, Float64Array], path: Path) ->
     """
     known = read_pose_file(path).poses
     names = [name for name in cam_from_world if name in known]
-    if len(names) < _LEAST:
-        raise ReconstructionError(
-            f"{path} has the poses of {len(names)} of the {len(cam_from_world)} photos that were "
-            f"placed, and at least {_LEAST} are needed; names must be the photos' own, for example "
-            f"{next(iter(cam_from_world))}"
-        )
+    check_known_poses(path, names, list(cam_from_world))
     ours = camera_centres(np.stack([cam_from_world[name] for name in names]))
     theirs = camera_centres(np.stack([known[name] for name in names]))
     for positions, whose in ((ours, "were placed"), (theirs, "are known")):
@@ -157,12 +152,7 @@ def scaled_like_gps(
             for how inexact they are.
     """
     names = [name for name in level if name in gps]
-    if len(names) < _LEAST:
-        raise ReconstructionError(
-            f"{len(names)} of the {len(level)} photos that were placed have a GPS position in "
-            f"their EXIF, and at least {_LEAST} are needed; messengers remove it: take the "
-            "originals"
-        )
+    check_gps(len(names), len(level))
     positions = np.array([gps[name] for name in names], dtype=np.float64)
     origin = np.median(positions, axis=0)
     theirs = local_metres(positions, origin)
@@ -201,19 +191,53 @@ def scaled_by_distance(
     return Similarity(source.metres / apart, np.eye(3), np.zeros(3))
 
 
+def check_known_poses(path: Path, known: Sequence[str], photos: Sequence[str]) -> None:
+    """Of a file with known poses of some photos, by the names that both have.
+
+    Raises:
+        ReconstructionError: they are too few.
+    """
+    if len(known) < _LEAST:
+        raise ReconstructionError(
+            f"{path} has the poses of {len(known)} of the {len(photos)} photos that can be "
+            f"compared, and at least {_LEAST} are needed; names must be the photos' own, for "
+            f"example {photos[0]}"
+        )
+
+
+def check_gps(known: int, photos: int) -> None:
+    """Of photos that have a GPS position.
+
+    Raises:
+        ReconstructionError: they are too few.
+    """
+    if known < _LEAST:
+        raise ReconstructionError(
+            f"{known} of the {photos} photos that can be compared have a GPS position in their "
+            f"EXIF, and at least {_LEAST} are needed; messengers remove it: take the originals"
+        )
+
+
+def name_in_model(name: str, names: Collection[str]) -> str | None:
+    """The name that a photo has in the model, if it is there: that of a HEIC photo has another
+    ending."""
+    slashes = with_slashes(name)
+    return next((known for known in (name, slashes, f"{slashes}.jpg") if known in names), None)
+
+
 def placed_name(name: str, placed: Collection[str]) -> str:
-    """The name that a photo has in the model: that of a HEIC photo has another ending there.
+    """As :func:`name_in_model`.
 
     Raises:
         ReconstructionError: it was not placed.
     """
-    slashes = with_slashes(name)
-    for known in (name, slashes, f"{slashes}.jpg"):
-        if known in placed:
-            return known
-    raise ReconstructionError(
-        f"{name}, which --scale-from names, was not placed; names are like {next(iter(placed))}"
-    )
+    known = name_in_model(name, placed)
+    if known is None:
+        raise ReconstructionError(
+            f"{name}, which --scale-from names, was not placed; name one that was, for example "
+            f"{next(iter(placed))}"
+        )
+    return known
 
 
 def robust_similarity(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Sequence
 
 from gscpe.errors import ReconstructionError
+from gscpe.given import real_path
 from gscpe.scene.query_list import PHOTO_ENDINGS
 from gscpe.sequences.video import VIDEO_ENDINGS
 
@@ -48,7 +49,7 @@ def find_source(paths: Sequence[str | Path]) -> Source:
         for path in files:
             name = path.relative_to(within).as_posix()
             if len(paths) > 1 and within is root:
-                name = f"{root.resolve().name}/{name}"
+                name = f"{real_path(root).name}/{name}"
             if path.suffix.lower() in PHOTO_ENDINGS:
                 photos[_free(name, photos)] = path
             elif path.suffix.lower() in VIDEO_ENDINGS:

@@ -14,7 +14,6 @@ import numpy as np
 from markupsafe import Markup
 from tqdm import tqdm
 
-from gscpe.errors import OutputError
 from gscpe.evaluation import SceneRun, Stage
 from gscpe.evaluation.query_table import query_table
 from gscpe.evaluation.runtime_table import stage_times_table
@@ -23,6 +22,7 @@ from gscpe.evaluation.text import degrees_text, length_text, share_text
 from gscpe.geometry.pose_error import PoseDifference
 from gscpe.localization import Localizer
 from gscpe.matching import Matcher
+from gscpe.output_file import write_file
 from gscpe.report.cards import card_id, query_card
 from gscpe.report.curves import Curves, cumulative_curves
 from gscpe.report.encode import data_uris
@@ -108,11 +108,7 @@ def write_report(
     flat = [picture for item in drawn for picture in item.pictures.values()]
     without_pictures = len(page([""] * len(flat)))
     text = page(data_uris(flat, settings.quality, settings.max_bytes - without_pictures))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(text.encode("utf-8", "replace"))
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(path, text.encode("utf-8", "replace"))
 
 
 def _fill_template(values: Mapping[str, Any]) -> str:

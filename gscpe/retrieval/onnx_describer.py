@@ -20,6 +20,7 @@ import numpy as np
 from gscpe.arrays import BoolArray, Float32Array, UInt8Array
 from gscpe.errors import ModelError
 from gscpe.features.xfeat import XFeatFeatures
+from gscpe.given import parse_json
 from gscpe.models import open_session
 from gscpe.scene import DescriberModel
 
@@ -123,7 +124,7 @@ def read_onnx_input(path: Path) -> OnnxInput:
         raise ModelError(f"{path} is missing; give a global descriptor network exported to ONNX")
     beside = path.with_suffix(".json")
     try:
-        data = json.loads(beside.read_bytes())
+        data = parse_json(beside.read_bytes())
     except FileNotFoundError as error:
         raise ModelError(
             f"{beside} is missing; it describes the input of {path.name}: size, mean, std"

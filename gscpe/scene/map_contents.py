@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gscpe.errors import MapError, OutputError
 from gscpe.geometry.camera import Camera
+from gscpe.given import parse_json
 from gscpe.scene.map import Map
 from gscpe.scene.map_frame import MapFrame
 from gscpe.scene.references import DescriberModel, GlobalDescriptors, References
@@ -100,7 +101,7 @@ def _plain_gaussians(map_: Map) -> dict[str, bytes]:
 def _load_plain(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
     gaussians = _load_npz(contents[_GAUSSIANS])
     scene = replace(_scene_from_arrays(gaussians), near=float(gaussians["near"]))
-    return scene, _frame_from_data(json.loads(str(gaussians["frame"])))
+    return scene, _frame_from_data(parse_json(str(gaussians["frame"])))
 
 
 def _frame_to_data(frame: MapFrame) -> dict[str, Any]:
@@ -138,7 +139,7 @@ def _compressed_gaussians(map_: Map) -> dict[str, bytes]:
 
 
 def _load_compressed(contents: Mapping[str, bytes], folder: Path) -> tuple[GaussianScene, MapFrame]:
-    rest = json.loads(contents[_SPZ_FACTOR])
+    rest = parse_json(contents[_SPZ_FACTOR])
     factor = float(rest["factor"])
     if not 0 < factor < np.inf:
         raise MapError(f"the factor of the coordinates is {factor}")
@@ -193,7 +194,7 @@ def _retrieval_from_npz(data: bytes) -> GlobalDescriptors:
     arrays = _load_npz(data)
     recipe: dict[str, Any] = {"method": VLAD}
     if "recipe" in arrays:
-        recipe = json.loads(str(arrays["recipe"]))
+        recipe = parse_json(str(arrays["recipe"]))
     model = recipe.get("model")
     return GlobalDescriptors(
         vocabulary=np.asarray(arrays["vocabulary"], dtype=np.float32),
@@ -223,7 +224,7 @@ def _references_to_json(references: References) -> bytes:
 
 
 def _references_from_json(data: bytes) -> References:
-    entries = json.loads(data)
+    entries = parse_json(data)
     return References(
         names=tuple(str(entry["name"]) for entry in entries),
         cam_from_world=np.array([entry["cam_from_world"] for entry in entries], dtype=np.float64),

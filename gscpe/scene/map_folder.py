@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Mapping
 
 from gscpe.errors import MapError, MissingDependencyError, OutputError
+from gscpe.given import parse_json, real_path
 from gscpe.interrupts import interrupts_later
 from gscpe.scene.map import Map
 from gscpe.scene.map_contents import (
@@ -159,7 +160,7 @@ def _behind_link(folder: str | Path) -> Path:
     if not folder.is_symlink():
         return folder
     try:
-        target = folder.resolve()
+        target = real_path(folder)
         if not target.is_symlink():
             return target
     except (OSError, RuntimeError):  # differs between versions of Python
@@ -195,7 +196,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise MapError(f"{folder} is not a gscpe map: it has no map.json; see gscpe build-map")
     try:
-        manifest = json.loads(path.read_text())
+        manifest = parse_json(path.read_text())
         is_map, version = manifest["format"] == FORMAT, int(manifest["version"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise MapError(f"{path} is damaged; build the map again") from error

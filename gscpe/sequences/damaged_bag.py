@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Iterator, Sequence
 
 from gscpe.errors import SequenceError
+from gscpe.given import real_path
 
 _ROS1, _MCAP, _SQLITE = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\x00"
 _MOST_BYTES = 2**31  # of a record
@@ -243,7 +244,7 @@ def _mcap_chunk(compression: str, packed: bytes) -> bytes:
 
 def _sqlite_messages(path: Path) -> Iterator[Recorded]:
     """In the order in which they were written: the index of their times is at the file's end."""
-    uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    uri = f"{real_path(path).as_uri()}?mode=ro&immutable=1"
     with closing(sqlite3.connect(uri, uri=True)) as connection:
         # Otherwise, nothing at all is read of a file that is shorter than it says.
         connection.execute("PRAGMA writable_schema = ON")

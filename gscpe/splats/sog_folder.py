@@ -9,13 +9,13 @@ has, a chunk and the Gaussians in it; level 0 is the finest.
 from __future__ import annotations
 
 import io
-import json
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Iterator
 
 from gscpe.errors import SplatError
+from gscpe.given import parse_json
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def _leaves(node: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 def _parsed(path: Path, data: bytes) -> dict[str, Any]:
     try:
-        content = json.loads(data)
+        content = parse_json(data)
     except ValueError as error:
         raise SplatError(f"{path} is damaged: it is not JSON; copy it again") from error
     if not isinstance(content, dict):

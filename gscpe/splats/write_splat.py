@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import logging
-import os
-import tempfile
 from pathlib import Path
 from typing import Callable
 
 from gscpe.errors import OutputError
+from gscpe.output_file import write_file
 from gscpe.splats.compression import outliers
 from gscpe.splats.gaussians import GaussianScene
 from gscpe.splats.ply_bytes import ply_bytes
@@ -41,11 +40,7 @@ def write_splat(scene: GaussianScene, path: str | Path) -> None:
         data = encode(scene)
     except OutputError as error:
         raise OutputError(f"{path}: {error}; write a .ply, or scale the scene") from None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _replace(path, data)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(path, data)
 
 
 def _encode_spz(scene: GaussianScene) -> bytes:
@@ -63,18 +58,3 @@ def _encode_spz(scene: GaussianScene) -> bytes:
 
 
 _ENCODERS: dict[str, Callable[[GaussianScene], bytes]] = {".ply": ply_bytes, ".spz": _encode_spz}
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Writes beside the file and renames, so that no half-written file is ever there. A link
-    stays one, and what it leads to is replaced."""
-    path = path.resolve()
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        Path(name).chmod(0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

@@ -17,6 +17,7 @@ import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.errors import OutputError, TrainingError
+from gscpe.given import parse_json
 from gscpe.photos.photo import Photo
 from gscpe.training.exposure import Exposures
 from gscpe.training.parameters import Parameters
@@ -124,7 +125,7 @@ def read_checkpoint(path: Path, mark: str, settings: TrainingSettings) -> Traini
         raise TrainingError(f"there is no checkpoint {path} to resume from; start without --resume")
     try:
         with np.load(path, allow_pickle=False) as stored:
-            header = json.loads(str(stored["header"]))
+            header = parse_json(str(stored["header"]))
             arrays = {name: stored[name] for name in stored.files if name != "header"}
         if header["version"] != _VERSION:
             raise TrainingError(

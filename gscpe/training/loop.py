@@ -86,14 +86,7 @@ def train(
     if resume and path is not None:
         state = read_checkpoint(path, mark, settings)
     else:
-        parameters = first_gaussians(points, extent, settings)
-        state = TrainingState(
-            parameters=parameters,
-            exposures=Exposures.neutral(len(photos)),
-            schedule=Schedule(settings),
-            screen_gradients=np.zeros(len(parameters), dtype=np.float32),
-            times_seen=np.zeros(len(parameters), dtype=np.int32),
-        )
+        state = _first_state(len(photos), points, extent, settings)
     if settings.depth_weight:
         known = np.mean([len(indices) for indices in seen]) if seen else 0.0
         _log.info("depths of %.0f points in a photo, on average, are looked at", known)
@@ -102,10 +95,8 @@ def train(
     trainer = Trainer(photos, cam_from_world, extent, state, settings, pool, points, seen)
     try:
         with interrupts_later() as interrupts:
-            if path is not None and not resume:
-                write_checkpoint(
-                    path, state, mark
-                )  # now, and not in a minute, is a disk found full
+            if path is not None and not resume:  # a full disk is found now, and not in a minute
+                write_checkpoint(path, state, mark)
             written = time.perf_counter()
             while not state.schedule.is_done and not interrupts:
                 before = time.perf_counter()
@@ -126,6 +117,19 @@ def train(
         pool.close()
     _log.info("trained %d iterations in %.0f s", state.schedule.iteration, state.schedule.seconds)
     return trainer.scene()
+
+
+def _first_state(
+    photos: int, points: PointCloud, extent: float, settings: TrainingSettings
+) -> TrainingState:
+    parameters = first_gaussians(points, extent, settings)
+    return TrainingState(
+        parameters=parameters,
+        exposures=Exposures.neutral(photos),
+        schedule=Schedule(settings),
+        screen_gradients=np.zeros(len(parameters), dtype=np.float32),
+        times_seen=np.zeros(len(parameters), dtype=np.int32),
+    )
 
 
 def _checked(photos: Sequence[Photo], cam_from_world: Float64Array) -> Float64Array:

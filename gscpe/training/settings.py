@@ -116,11 +116,11 @@ class TrainingSettings:
         shares = self.sh_shares
         if (
             len(shares) != 3
-            or not all(isinstance(share, Real) and 0 <= share <= 1 for share in shares)
+            or not all(isinstance(share, Real) and 0 <= share < 1e6 for share in shares)
             or list(shares) != sorted(shares)
         ):
             raise SettingsError(
-                f"sh_shares must be three shares in [0, 1] in ascending order, not {shares}"
+                f"sh_shares must be three shares, 0 or more, in ascending order, not {shares}"
             )
         if self.least_growth > self.most_growth:
             raise SettingsError(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Sequence
@@ -11,6 +10,7 @@ from typing import Sequence
 from gscpe.arrays import Float64Array
 from gscpe.batch import read_details
 from gscpe.errors import PoseError
+from gscpe.given import parse_json
 from gscpe.poses import poses_by_name, read_pose_file
 from gscpe.viewer.contents import Findings
 
@@ -41,7 +41,8 @@ def read_findings(
     known = {}
     if details is not None:
         if not Path(details).is_file():
-            raise PoseError(f"details {details} cannot be read: there is no such file")
+            why = "it is no file" if Path(details).exists() else "there is no such file"
+            raise PoseError(f"details {details} cannot be read: {why}")
         known = read_details(details)
         if not known:
             raise PoseError(
@@ -78,7 +79,7 @@ def _details_beside(poses: Path, map_name: str | None) -> Path | None:
     if map_name is not None and poses.stem.endswith(f".{map_name}"):
         stems.append(poses.stem.removesuffix(f".{map_name}"))
     for stem in stems:
-        path = poses.with_name(f"{stem}.details.jsonl")
+        path = poses.parent / f"{stem}.details.jsonl"
         if path.is_file() and not _of_frames(path):
             return path
     return None
@@ -88,7 +89,7 @@ def _of_frames(path: Path) -> bool:
     """Whether these are the details of ``gscpe track``, which do not tell how a photo was found."""
     try:
         with path.open(encoding="utf-8") as file:
-            first = json.loads(file.readline())
+            first = parse_json(file.readline())
     except (OSError, ValueError):
         return False  # who reads it says so
     return isinstance(first, dict) and "anchor_age" in first

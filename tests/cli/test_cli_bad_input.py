@@ -232,7 +232,7 @@ def test_spoilt_files(case: str, place: Place, capsys: pytest.CaptureFixture[str
         ("PINHOLE,60,45,50,50,30", "PINHOLE takes 4 parameters"),
         ("FOV,60,45,50,50,30,22,1", "camera model 'FOV' is not supported"),
         ("525,60,45", "is not supported"),
-        ("", "is not of the form"),
+        (" ", "is not of the form"),
         ("PINHOLE,60,45,fifty,50,30,22", "is not of the form"),
         ("PINHOLE,60,45,-50,50,30,22", "focal lengths must be positive"),
         ("PINHOLE,60,45,nan,50,30,22", "must be finite"),
@@ -289,7 +289,7 @@ def test_other_outputs_below_a_regular_file(
 def test_a_wrong_unit(place: Place, capsys: pytest.CaptureFixture[str]) -> None:
     for unit in ("0", "-1", "nan", "inf"):
         command = [*place.build_map(), f"--metres-per-unit={unit}"]
-        check_refused(command, "metres per unit must be positive", capsys)
+        check_refused(command, "metres_per_unit must be", capsys)
 
 
 def test_build_map_wants_photos_or_says_that_there_are_none(

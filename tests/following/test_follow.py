@@ -125,6 +125,16 @@ def test_earlier_files_are_kept(tmp_path: Path) -> None:
         TrackFiles(tmp_path / "ok.tum", tmp_path / "t.tum" / "p.txt", None)
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_names_the_file() -> None:
+    """Also where the line is still in a buffer when the file is closed."""
+    files = TrackFiles("/dev/full", None, None)
+    files._trajectory.reconfigure(line_buffering=False)  # type: ignore[attr-defined]
+    files._trajectory.write("0 0 0 0 0 0 0 1")
+    with pytest.raises(OutputError, match="/dev/full cannot be written: No space"):
+        files.close()
+
+
 def test_lines_are_there_at_once(tmp_path: Path) -> None:
     """Whoever kills the program finds all frames before."""
     seen = []

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -10,8 +11,8 @@ import numpy as np
 import pytest
 from scenes import room_shot
 
-from gscpe.errors import OutputError
-from gscpe.reconstruction import open_work_folder, sharpness
+from gscpe.errors import OutputError, ReconstructionError
+from gscpe.reconstruction import not_kept_if_refused, open_work_folder, sharpness
 from gscpe.reconstruction.pairs import chosen_once, in_order, look_alike
 from gscpe.reconstruction.photos import PreparedPhoto
 from gscpe.reconstruction.sources import find_source
@@ -99,3 +100,20 @@ def test_names_of_sources(tmp_path: Path) -> None:
     both = find_source([tmp_path / "a", tmp_path / "b"])
     assert list(both.photos) == ["a/1.JPG", "a/sub/2.heic", "b/1.jpg"]
     assert list(both.videos) == ["b/v"]
+
+
+def test_what_is_refused_at_once_leaves_no_folder(tmp_path: Path) -> None:
+    """But what a run could go on with stays, and so does what other errors leave."""
+    for made, error, stays in (
+        ("images/a.jpg", ReconstructionError("too few"), False),
+        ("photos.json", ReconstructionError("a wrong name"), True),
+        ("images/a.jpg", OutputError("the disk is full"), True),
+    ):
+        folder = tmp_path / "work"
+        open_work_folder(folder, {}, resume=False, finished="end")
+        with pytest.raises(type(error)), not_kept_if_refused(folder):
+            (folder / made).parent.mkdir(exist_ok=True)
+            (folder / made).touch()
+            raise error
+        assert folder.exists() == stays
+        shutil.rmtree(folder, ignore_errors=True)
