@@ -137,5 +137,8 @@ def _summarize(
     if failed:
         name, reason = str(failed[0]["name"]), str(failed[0]["reason"])
         first = reason if name in reason else f"{name}: {reason}"
-        print(f"{len(failed)} photos could not be used, the first: {first}", file=sys.stderr)
+        some = (
+            f"{len(failed)} could not be used, the first" if failed[1:] else "1 could not be used"
+        )
+        print(f"{some}: {first}", file=sys.stderr)
     return 0 if localized else 1

@@ -7,15 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from batch_room import RoomFolder, make_room
+from batch_room import RoomFolder
 
 from gscpe import MapError
 from gscpe.batch import shelf_order
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> RoomFolder:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 def test_a_map_that_was_built_anew_is_refused(room: RoomFolder) -> None:
