@@ -27,7 +27,7 @@ def variants(full: RefinementSettings) -> dict[str, RefinementSettings]:
         "full": full,
         "without multi-scale (S = 0)": replace(full, levels=0),
         "without mask": replace(full, visibility=unmasked),
-        "mask without other views (V = 0)": replace(full, visibility=replace(visibility, views=0)),
+        "two other views vote (V = 2)": replace(full, visibility=replace(visibility, views=2)),
         "never a second render": replace(full, min_anchors=1, max_anchors=1),
         "without gain and bias": replace(full, solver=replace(solver, gain_and_bias=False)),
         "without robust weights": replace(full, solver=replace(solver, robust=False)),

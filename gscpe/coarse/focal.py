@@ -148,6 +148,10 @@ _STARTS = (1.0, 0.8, 0.9, 1.11, 1.25)
 """Multiples of the given focal length to begin from; the first wins where it is as good."""
 
 
+_BETTER = 1.02
+"""Times as many matches must agree with a later start as with an earlier one."""
+
+
 def check_focal_length(
     points_world: Float64Array,
     pixels: Float64Array,
@@ -169,14 +173,17 @@ def check_focal_length(
     if not len(ahead):
         return None
     few = slice(None, None, max(1, len(pixels) // _SAMPLE))  # are enough to choose a start
+    some_points, some_pixels = points_world[few], pixels[few]
     best: FocalEstimate | None = None
     for factor in _STARTS:
+        if best is not None and len(some_pixels) <= _BETTER * best.inliers:
+            break  # hardly any is left that could agree with another
         start = cam_from_world.copy()
         start[2, 3] += (factor - 1.0) * float(np.median(ahead))
         found = solve_focal_length(
-            points_world[few], pixels[few], _times(camera, factor), start, pnp, _ROUGH
+            some_points, some_pixels, _times(camera, factor), start, pnp, _ROUGH
         )
-        if found is not None and (best is None or found.inliers > 1.02 * best.inliers):
+        if found is not None and (best is None or found.inliers > _BETTER * best.inliers):
             best = found
     if best is None:
         return None
@@ -212,12 +219,9 @@ def solve_focal_length(
         zoom *= float(np.exp(np.clip(step[6], -0.2, 0.2)))
         if np.abs(step).max() < smallest_step:
             break
-    covariance = (
-        pnp.noise_correlation
-        * equations.variance()
-        * covariance_from_information(equations.hessian)
-    )
-    sigma = float(np.sqrt(covariance[6, 6]))
+    assert equations is not None
+    covariance = covariance_from_information(equations.hessian)
+    sigma = float(np.sqrt(pnp.noise_correlation * equations.variance() * covariance[6, 6]))
     inliers = matches.projected(cam_from_world, zoom).within(pnp.inlier_pixels)
     return FocalEstimate(_times(camera, zoom), cam_from_world, zoom, sigma, int(inliers.sum()))
 

@@ -38,7 +38,9 @@ def normalize_locally(rgb: UInt8Array, sigma: float = 8.0) -> UInt8Array:
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
     difference = grey - at_full_size(local_mean(grey, sigma), grey)
     deviation = np.sqrt(local_mean(difference * difference, sigma))
-    normalized = 128.0 + difference * at_full_size(40.0 / (deviation + 2.0), grey)
+    normalized = 128.0 + difference * at_full_size(
+        np.float32(40.0) / (deviation + np.float32(2.0)), grey
+    )
     return np.asarray(np.clip(normalized, 0.0, 255.0), dtype=np.uint8)
 
 

@@ -54,6 +54,44 @@ def _residuals(points, intensities, image, valid, pose, camera, light, residuals
     return count
 
 
+@compiled(fastmath={"contract"})
+def _template(chosen, image, depth, lens, points, intensities, jacobian):
+    """Fills points, (3, N), intensities, (N,), and jacobian, (N, 6); no pixel is at the border."""
+    width = np.intp(image.shape[1])
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    three, ten, share = _F(3.0), _F(10.0), _F(1.0 / 32.0)
+    for i in range(chosen.shape[0]):
+        r, c = chosen[i] // width, chosen[i] % width
+        left = three * (image[r - 1, c - 1] + image[r + 1, c - 1]) + ten * image[r, c - 1]
+        right = three * (image[r - 1, c + 1] + image[r + 1, c + 1]) + ten * image[r, c + 1]
+        above = three * (image[r - 1, c - 1] + image[r - 1, c + 1]) + ten * image[r - 1, c]
+        below = three * (image[r + 1, c - 1] + image[r + 1, c + 1]) + ten * image[r + 1, c]
+        z = depth[r, c]
+        inverse = _F(1.0) / z
+        x = (_F(c) + (_F(0.5) - cx)) / fx * z
+        y = (_F(r) + (_F(0.5) - cy)) / fy * z
+        by_x = (right - left) * share * fx * inverse
+        by_y = (below - above) * share * fy * inverse
+        by_z = -(by_x * x + by_y * y) * inverse
+        points[0, i], points[1, i], points[2, i] = x, y, z
+        intensities[i] = image[r, c]
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = by_x, by_y, by_z
+        jacobian[i, 3] = by_z * y - by_y * z
+        jacobian[i, 4] = by_x * z - by_z * x
+        jacobian[i, 5] = by_y * x - by_x * y
+
+
+@compiled()
+def _thinned(indices, end, kept):
+    """Fills kept; returns how many there are."""
+    count = 0
+    for index in indices:
+        if (np.uint64(index) * np.uint64(2654435769)) & np.uint64(0xFFFFFFFF) < end:
+            kept[count] = index
+            count += 1
+    return count
+
+
 @compiled(fastmath={"contract", "reassoc", "nsz"})
 def _normal_equations(
     jacobian, intensities, residuals, usable, gain, per_cutoff, hessian, right
@@ -220,6 +258,32 @@ def residuals_of(
     return residuals, usable
 
 
+def template_of(
+    image: Float32Array, depth: Float32Array, camera: Camera, chosen: IntArray
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Points, (3, N), intensities, (N,), and Jacobian, (N, 6), of pixels of an anchor, as
+    :class:`gscpe.refinement.lucas_kanade.Template` has them.
+
+    Args:
+        image, depth: (H, W).
+        camera: of both.
+        chosen: (N,) flat indices of pixels, none at the border.
+    """
+    points = np.empty((3, len(chosen)), dtype=np.float32)
+    intensities = np.empty(len(chosen), dtype=np.float32)
+    jacobian = np.empty((len(chosen), 6), dtype=np.float32)
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype=np.float32)
+    image, depth = np.ascontiguousarray(image), np.ascontiguousarray(depth)
+    _template(chosen, image, depth, lens, points, intensities, jacobian)
+    return points, intensities, jacobian
+
+
+def thinned(indices: IntArray, end: int) -> IntArray:
+    """Those whose place in a Weyl sequence of 32 bits is before ``end``."""
+    kept = np.empty_like(indices)
+    return kept[: _thinned(indices, np.uint64(end), kept)].copy()
+
+
 def normal_equations(
     jacobian: Float32Array,
     intensities: Float32Array,
@@ -282,6 +346,12 @@ def compile_now() -> None:
             points, ones, image, np.ones((2, 2), dtype=np.bool_), np.eye(4), camera, 1.0, 0.0
         )
         jacobian = np.ones((1, 6), dtype=np.float32)
+        template_of(
+            np.ones((3, 3), dtype=np.float32),
+            np.ones((3, 3), dtype=np.float32),
+            camera,
+            thinned(np.array([4]), 2**32),
+        )
         normal_equations(jacobian, ones, residuals, usable, 1.0, np.inf)
         inner_products(points, points)
         combined(points, points.T)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,14 +15,17 @@ from gscpe.photos import Photo, luminance
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
 from gscpe.refinement.light import LightSettings, PhotoLight
-from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
+from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, Template
 from gscpe.refinement.observer import RefinementObserver
-from gscpe.refinement.pyramid import anchor_pyramid, photo_pyramid
+from gscpe.refinement.pyramid import AnchorLevel, anchor_pyramid, photo_pyramid
 from gscpe.refinement.uncertainty import UncertaintySettings, pose_uncertainty
 from gscpe.refinement.visibility import VisibilitySettings, visibility_mask
 from gscpe.render import RenderedView, Renders
 
 _log = logging.getLogger(__name__)
+
+_COARSELY = 0.04
+"""Pixels of a smaller image within which its alignment is good enough to go on from."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,9 @@ class RefinementSettings:
         rerender_rotation_degrees: ... or degrees (either is enough: the paper's Algorithm 2
             says both, its text either).
         visibility: the mask.
-        solver: at each level.
+        solver: at full size.
+        coarse_pixels: templates of smaller images are thinned to about so many, and their levels
+            end sooner: only a start is wanted from them.
         uncertainty: of the covariance.
     """
 
@@ -70,18 +75,29 @@ class RefinementSettings:
     rerender_rotation_degrees: float | None = None
     visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
     solver: LucasKanadeSettings = field(default_factory=LucasKanadeSettings)
+    coarse_pixels: int = 20_000
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
 
     def __post_init__(self) -> None:
         if (
             min(self.levels, self.agreement_level) < 0
-            or self.smallest_side < 1
+            or min(self.smallest_side, self.coarse_pixels) < 1
             or not 1 <= self.min_anchors <= self.max_anchors
         ):
             raise SettingsError(
-                "refinement needs levels and agreement_level >= 0, smallest_side >= 1 "
-                "and 1 <= min_anchors <= max_anchors"
+                "refinement needs levels and agreement_level >= 0, smallest_side and "
+                "coarse_pixels >= 1, and 1 <= min_anchors <= max_anchors"
             )
+
+    def coarse_solver(self) -> LucasKanadeSettings:
+        """Of the smaller images."""
+        solver = self.solver
+        return replace(
+            solver,
+            max_template_pixels=min(solver.max_template_pixels, self.coarse_pixels),
+            converged_pixels=max(solver.converged_pixels, _COARSELY),
+            extrapolate=True,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,95 +169,151 @@ def refine_pose(
             rendered already.
     """
     observer = observer or RefinementObserver()
-    smallest_side = min(photo.camera.width, photo.camera.height)
-    halvings = (smallest_side // settings.smallest_side).bit_length() - 1
-    most_levels = min(settings.levels, max(0, halvings))
-    compared = min(settings.agreement_level, max(0, halvings))
-    photo_levels = photo_pyramid(
-        luminance(photo.rgb),
-        _all_valid(photo) if photo.valid is None else photo.valid,
-        photo.camera,
-        max(most_levels, compared),
-    )
-    cam_from_world = start_cam_from_world
-    last_light = 1.0, 0.0
-    light = PhotoLight(photo, settings.light)
-    alignment: Alignment | None = None
-    anchors = 0
-    while anchors < settings.max_anchors:
-        if first_anchor is not None and anchors == 0:
-            view = first_anchor
-        else:
-            view = renderer.render(photo.camera, cam_from_world)
-        anchors += 1
-        observer.anchor_rendered(view)
-        tolerance_unit = view.tolerance_unit()
-        mask = visibility_mask(renderer, view, settings.visibility, tolerance_unit)
-        observer.mask_made(mask)
-        # After a small step the anchor is at the solution: coarse levels have nothing to add.
-        fine = alignment is not None and alignment.motion_pixels <= settings.far_pixels
-        levels = min(1, most_levels) if fine else most_levels
-        lit = light.of(view, mask)
-        gain, bias = (1.0, 0.0) if lit.changed else last_light
-        pyramid = anchor_pyramid(
-            lit.image, view.depth, mask, view.camera, max(levels, compared), settings.lenient_level
+    alignment = _AnchorAlignment(renderer, photo, settings, observer)
+    view = first_anchor or renderer.render(photo.camera, start_cam_from_world)
+    last, anchors = alignment.of(view), 1
+    while (
+        not isinstance(last, str)
+        and anchors < settings.max_anchors
+        and (anchors < settings.min_anchors or last.has_moved_too_far(settings))
+    ):
+        view = renderer.render(photo.camera, last.cam_from_world)
+        last, anchors = alignment.of(view, last), anchors + 1
+    return _failed(last, anchors) if isinstance(last, str) else alignment.result(last, anchors)
+
+
+@dataclass(frozen=True, eq=False)
+class _Aligned:
+    """An anchor that was aligned.
+
+    Attributes:
+        cam_from_world: (4, 4), of the photo.
+        moved: from where the anchor was rendered.
+        light: gain and bias of the render as it was before it was exposed and lit.
+        alignment, template: at full size.
+        compared: level of the anchor at which it is compared with the photo.
+        tolerance_unit: see :class:`RefinementResult`.
+    """
+
+    cam_from_world: Float64Array
+    moved: PoseDifference
+    light: tuple[float, float]
+    alignment: Alignment
+    template: Template
+    compared: AnchorLevel
+    tolerance_unit: float
+
+    def has_moved_too_far(self, settings: RefinementSettings) -> bool:
+        """Whether the image has moved too far since the anchor for it to be the last."""
+        metres, degrees = settings.rerender_translation, settings.rerender_rotation_degrees
+        if metres is None and degrees is None:
+            return self.alignment.motion_pixels > settings.rerender_pixels
+        return (metres is not None and self.moved.distance > metres) or (
+            degrees is not None and self.moved.degrees > degrees
         )
-        prepared = PreparedAnchor.of(pyramid[: levels + 1], (levels + 1) * [settings.solver])
+
+
+class _AnchorAlignment:
+    """Aligns one anchor after the other with a photo, whose pyramid is made once."""
+
+    def __init__(
+        self,
+        renderer: Renders,
+        photo: Photo,
+        settings: RefinementSettings,
+        observer: RefinementObserver,
+    ) -> None:
+        self._renderer = renderer
+        self._settings = settings
+        self._observer = observer
+        smallest_side = min(photo.camera.width, photo.camera.height)
+        halvings = max(0, (smallest_side // settings.smallest_side).bit_length() - 1)
+        self._levels = min(settings.levels, halvings)
+        self._compared = min(settings.agreement_level, halvings)
+        self._light = PhotoLight(photo, settings.light)
+        self._photo_levels = photo_pyramid(
+            luminance(photo.rgb),
+            _all_valid(photo) if photo.valid is None else photo.valid,
+            photo.camera,
+            max(self._levels, self._compared),
+        )
+
+    def of(self, view: RenderedView, before: _Aligned | None = None) -> _Aligned | str:
+        """A string says why it failed.
+
+        Args:
+            view: the anchor.
+            before: the anchor before, from whose pose this one was rendered.
+        """
+        settings = self._settings
+        self._observer.anchor_rendered(view)
+        unit = view.tolerance_unit()
+        mask = visibility_mask(self._renderer, view, settings.visibility, unit)
+        self._observer.mask_made(mask)
+        lit = self._light.of(view, mask)
+        # After a small step the anchor is at the solution: coarse levels have nothing to add.
+        fine = before is not None and before.alignment.motion_pixels <= settings.far_pixels
+        levels = min(1, self._levels) if fine else self._levels
+        light = (1.0, 0.0) if lit.changed or before is None else before.light
+        pyramid = anchor_pyramid(
+            *(lit.image, view.depth, mask, view.camera),
+            *(max(levels, self._compared), settings.lenient_level),
+        )
+        solvers = [settings.solver, *(levels * [settings.coarse_solver()])]
         found = align_levels(
-            *(prepared, photo_levels, gain, bias),
+            PreparedAnchor.of(pyramid[: levels + 1], solvers),
+            self._photo_levels,
+            *light,
             turned=TurnedStarts(settings.turned_degrees, settings.turned_level),
-            iterated=observer.iterated,
+            iterated=self._observer.iterated,
         )
         if isinstance(found, str):
-            return _failed(found, anchors)
+            return found
         alignment, template = found
-        observer.anchor_aligned(alignment)
-        # Of the render as it was before it was exposed and lit.
-        last_light = alignment.gain * lit.gain, alignment.gain * lit.bias + alignment.bias
+        self._observer.anchor_aligned(alignment)
         cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
         moved = pose_difference(cam_from_world, view.cam_from_world)
         _log.debug(
-            "anchor %d: moved %.4f and %.3f deg (%.2f px), residual %.4f, %d pixels",
-            anchors, moved.distance, moved.degrees, alignment.motion_pixels,
+            "anchor moved %.4f and %.3f deg (%.2f px), residual %.4f, %d pixels",
+            moved.distance, moved.degrees, alignment.motion_pixels,
             alignment.residual, alignment.pixels,
         )  # fmt: skip
-        if anchors >= settings.min_anchors and not _needs_new_anchor(alignment, moved, settings):
-            break
-    assert alignment is not None
-    agreement, overlap = photometric_agreement(
-        pyramid[compared], photo_levels[compared], alignment.photo_from_anchor
-    )
-    uncertainty = pose_uncertainty(
-        template, photo_levels[0], alignment, settings.solver, settings.uncertainty
-    )
-    return RefinementResult(
-        cam_from_world=cam_from_world,
-        covariance=uncertainty.covariance,
-        by_log_focal=uncertainty.by_log_focal,
-        by_principal=uncertainty.by_principal,
-        gain=last_light[0],
-        bias=last_light[1],
-        residual=alignment.residual,
-        agreement=agreement,
-        overlap=overlap,
-        pixels=alignment.pixels,
-        anchors=anchors,
-        tolerance_unit=tolerance_unit,
-        converged=alignment.converged,
-        unshared=uncertainty.unshared,
-    )
+        return _Aligned(
+            cam_from_world=cam_from_world,
+            moved=moved,
+            light=(alignment.gain * lit.gain, alignment.gain * lit.bias + alignment.bias),
+            alignment=alignment,
+            template=template,
+            compared=pyramid[self._compared],
+            tolerance_unit=unit,
+        )
 
-
-def _needs_new_anchor(
-    alignment: Alignment, moved: PoseDifference, settings: RefinementSettings
-) -> bool:
-    """Whether the image has moved too far since the anchor for it to be the last."""
-    metres, degrees = settings.rerender_translation, settings.rerender_rotation_degrees
-    if metres is None and degrees is None:
-        return alignment.motion_pixels > settings.rerender_pixels
-    return (metres is not None and moved.distance > metres) or (
-        degrees is not None and moved.degrees > degrees
-    )
+    def result(self, last: _Aligned, anchors: int) -> RefinementResult:
+        """What the last anchor says."""
+        settings, alignment = self._settings, last.alignment
+        agreement, overlap = photometric_agreement(
+            last.compared, self._photo_levels[self._compared], alignment.photo_from_anchor
+        )
+        uncertainty = pose_uncertainty(
+            *(last.template, self._photo_levels[0], alignment),
+            *(settings.solver, settings.uncertainty),
+        )
+        return RefinementResult(
+            cam_from_world=last.cam_from_world,
+            covariance=uncertainty.covariance,
+            by_log_focal=uncertainty.by_log_focal,
+            by_principal=uncertainty.by_principal,
+            gain=last.light[0],
+            bias=last.light[1],
+            residual=alignment.residual,
+            agreement=agreement,
+            overlap=overlap,
+            pixels=alignment.pixels,
+            anchors=anchors,
+            tolerance_unit=last.tolerance_unit,
+            converged=alignment.converged,
+            unshared=uncertainty.unshared,
+        )
 
 
 def _all_valid(photo: Photo) -> BoolArray:

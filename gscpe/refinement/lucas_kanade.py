@@ -123,14 +123,22 @@ class Template:
 
 def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Template | None:
     """The template of an anchor level, or None when too few pixels are usable."""
-    gradient_u, gradient_v = gradient(anchor.image)
-    usable = _interior(anchor.valid)
-    chosen = np.flatnonzero(usable)
+    chosen = np.flatnonzero(_interior(anchor.valid))
     if len(chosen) < settings.min_pixels:
         return None
     chosen = _thin(chosen, settings.max_template_pixels)
-    camera = anchor.camera
-    points = unproject_image(camera, anchor.depth, chosen)
+    loops = compiled_loops()
+    rows = _template_of if loops is None else loops.template_of
+    points, intensities, jacobian = rows(anchor.image, anchor.depth, anchor.camera, chosen)
+    return Template(points, intensities, jacobian, _mean_motion(anchor.camera, *points))
+
+
+def _template_of(
+    image: Float32Array, depth: Float32Array, camera: Camera, chosen: IntArray
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """As :func:`gscpe.refinement.compiled_loops.template_of`."""
+    gradient_u, gradient_v = gradient(image)
+    points = unproject_image(camera, depth, chosen)
     x, y, z = points
     by_x = gradient_u.ravel()[chosen] * np.float32(camera.fx) / z
     by_y = gradient_v.ravel()[chosen] * np.float32(camera.fy) / z
@@ -138,20 +146,20 @@ def build_template(anchor: AnchorLevel, settings: LucasKanadeSettings) -> Templa
     jacobian = np.stack(
         [by_x, by_y, by_z, by_z * y - by_y * z, by_x * z - by_z * x, by_y * x - by_x * y], axis=1
     )
-    return Template(
-        points=points,
-        intensities=anchor.image.ravel()[chosen],
-        jacobian=jacobian.astype(np.float32),
-        motion=_mean_motion(camera, x, y, z),
-    )
+    return points, image.ravel()[chosen], jacobian.astype(np.float32)
 
 
 def _thin(indices: IntArray, count: int) -> IntArray:
     """About ``count`` of the pixel indices, evenly spread (a Weyl sequence), always the same."""
     if len(indices) <= count:
         return indices
+    end = 2**32 * count // len(indices)
+    loops = compiled_loops()
+    if loops is not None:
+        kept: IntArray = loops.thinned(indices, end)
+        return kept
     position = indices.astype(np.uint64) * np.uint64(2654435769) & np.uint64(0xFFFFFFFF)
-    return indices[position < np.uint64(2**32 * count // len(indices))]
+    return indices[position < np.uint64(end)]
 
 
 def _interior(valid: BoolArray) -> BoolArray:

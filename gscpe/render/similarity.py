@@ -49,4 +49,5 @@ def _normalize(
     mean = at_full_size(local_mean(image * weight, sigma) / total, image)
     centred = (image - mean) * weight
     deviation = at_full_size(np.sqrt(local_mean(centred * centred, sigma) / total), image)
-    return centred / np.maximum(deviation, np.float32(_MIN_STANDARD_DEVIATION)), deviation
+    normalized = centred / np.maximum(deviation, _MIN_STANDARD_DEVIATION)
+    return np.asarray(normalized, dtype=np.float32), deviation

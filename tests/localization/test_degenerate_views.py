@@ -153,6 +153,7 @@ def test_one_plane_is_enough() -> None:
 def test_half_of_the_photo_covered(side: str) -> None:
     shot = room().shoot(CAMERA, np.eye(4))
     rows, columns = {"left": (slice(None), slice(120)), "top": (slice(90), slice(None))}[side]
+    surer = []
     with Localizer(map_from_rgbd(shot.uint8, shot.depth, CAMERA, np.eye(4))) as localizer:
         for seed in range(3):
             photo = with_noise(room().shoot(CAMERA, pose(seed)).rgb, seed)
@@ -162,4 +163,7 @@ def test_half_of_the_photo_covered(side: str) -> None:
             assert admits_its_error(half, pose(seed))
             if half.covariance is not None:
                 assert whole.covariance is not None
-                assert np.trace(half.covariance[:3, :3]) > np.trace(whole.covariance[:3, :3])
+                traces = [np.trace(found.covariance[:3, :3]) for found in (half, whole)]
+                surer.append(traces[0] / traces[1])
+    # Matches of the whole photo may contradict its focal length by chance, which counts, too.
+    assert np.mean(np.log(surer)) > np.log(2.0)

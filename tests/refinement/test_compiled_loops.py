@@ -79,6 +79,25 @@ def test_residuals(
     assert not np.any(fast[~fast_usable])
 
 
+@pytest.mark.parametrize("most", [500, 100_000])
+def test_templates(most: int, without_numba: pytest.MonkeyPatch) -> None:
+    """The same pixels, also where a template is thinned; points and Jacobians to rounding."""
+    rng = np.random.default_rng(2)
+    anchor, _ = levels(0.0)
+    anchor = replace(anchor, valid=rng.uniform(size=anchor.valid.shape) >= 0.01)
+    settings = replace(SETTINGS, max_template_pixels=most)
+    fast = build_template(anchor, settings)
+    without_numba.setattr(lucas_kanade, "compiled_loops", lambda: None)
+    slow = build_template(anchor, settings)
+    assert fast is not None and slow is not None
+    assert len(fast.intensities) <= 1.1 * most
+    np.testing.assert_array_equal(fast.intensities, slow.intensities)
+    np.testing.assert_allclose(fast.points, slow.points, rtol=1e-6, atol=1e-6)
+    scale = np.abs(slow.jacobian).max(axis=0)
+    np.testing.assert_allclose(fast.jacobian / scale, slow.jacobian / scale, atol=1e-5)
+    np.testing.assert_allclose(fast.motion, slow.motion, rtol=1e-4, atol=1e-3)
+
+
 @pytest.mark.parametrize("count", [1, 127, 128, 1000])
 def test_products(count: int, without_numba: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(count)

@@ -16,7 +16,7 @@ from scenes import ROOM_POSE, RayCastRenderer, World, room, room_camera
 
 from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.photos import Photo
-from gscpe.refinement import RefinementSettings, refine_pose
+from gscpe.refinement import RefinementSettings, VisibilitySettings, refine_pose
 from gscpe.render import RenderedView
 
 Tool = Callable[[str], Any]
@@ -117,14 +117,14 @@ def test_recorded_refinement_is_the_same_refinement(tool: Tool) -> None:
     camera = room_camera(160, 120)
     photo = Photo(room().shoot(camera, ROOM_POSE).uint8, camera)
     start = se3.exp([0.03, -0.02, 0.02, 0.01, -0.02, 0.01]) @ ROOM_POSE
-    settings = RefinementSettings()
+    settings = RefinementSettings(visibility=VisibilitySettings(views=2))
     plain, renderer = RayCastRenderer(room()), SlowRenderer(room())
     expected = refine_pose(plain, photo, start, settings)
     assert expected.cam_from_world is not None
     track = tool("refinement_methods").lucas_kanade(settings).run(renderer, photo, start)
     np.testing.assert_array_equal(track.cam_from_world[0], start)
     np.testing.assert_array_equal(track.cam_from_world[-1], expected.cam_from_world)
-    assert renderer.renders == plain.renders == 3 * expected.anchors
+    assert renderer.renders == plain.renders == 3 * expected.anchors  # one, and two views of it
     # Whatever rendering takes is not the solver's.
     assert track.seconds[-1] - track.solver_seconds[-1] >= renderer.renders * renderer.seconds
     assert np.all(np.diff(track.seconds) >= 0)
