@@ -164,5 +164,5 @@ def test_a_round_that_lost_the_place_is_not_kept() -> None:
 
 
 def test_no_rounds() -> None:
-    with pytest.raises(SettingsError, match="at least one round"):
+    with pytest.raises(SettingsError, match="max_rounds"):
         CoarseSettings(max_rounds=0)

@@ -69,7 +69,7 @@ def test_exact_for_any_camera(name: str, map_: Map) -> None:
     assert result.reference == "1.png"
     assert result.aligned is not None
     assert result.aligned.cam_from_world is not None
-    for cam_from_world, factor in ((result.aligned.cam_from_world, 1), (result.cam_from_world, 2)):
+    for cam_from_world, factor in ((result.aligned.cam_from_world, 1), (result.cam_from_world, 3)):
         error = pose_difference(cam_from_world, POSE)
         assert error.distance < factor * 0.15e-3
         assert error.degrees < factor * 0.004
@@ -104,4 +104,4 @@ def test_a_wrong_first_reference_is_overcome(map_: Map) -> None:
     with Localizer(replace(map_, descriptors=shuffled)) as localizer:
         result = localizer.localize(photo(CAMERAS["large"]), CAMERAS["large"])
     assert result.cam_from_world is not None, result.reason
-    assert pose_difference(result.cam_from_world, POSE).distance < 0.3e-3
+    assert pose_difference(result.cam_from_world, POSE).distance < 0.45e-3
