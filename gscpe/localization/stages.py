@@ -82,12 +82,8 @@ class Stages:
                 settings.refinement,
                 observer,
             )
-            if found is not None:
-                coarse, aligned = found
-                with query.clock.stage("refinement"):
-                    aligned = self._aligned_without_changes(query.photo, coarse, aligned, observer)
-                if self._doubt(query, coarse, aligned) is None:
-                    return Attempt(start, coarse, aligned, None, matcher=named.name)
+            if found is not None and self._doubt(query, *found) is None:
+                return Attempt(start, *found, None, matcher=named.name)
         return self.hard_attempt(query, start, named, observer, renderer)
 
     def hard_attempt(
@@ -119,16 +115,20 @@ class Stages:
             aligned = refine_pose(
                 renderer, query.photo, coarse.cam_from_world, settings.refinement, observer
             )
-            aligned = self._aligned_without_changes(query.photo, coarse, aligned, observer)
         doubt = self._doubt(query, coarse, aligned)
+        if doubt is not None:
+            with query.clock.stage("refinement"):
+                aligned = self._aligned_without_changes(query.photo, coarse, aligned, observer)
+            doubt = self._doubt(query, coarse, aligned)
         return Attempt(start, coarse, aligned, doubt, matcher=named.name)
 
     def _aligned_without_changes(
         self, photo: Photo, coarse: CoarseResult, aligned: RefinementResult, observer: Observer
     ) -> RefinementResult:
-        """The alignment again, without what does not look like the map, if that is much of the
-        photo, although its matches leave no doubt about the place. How much photo and map are alike
-        remains that of the whole photo."""
+        """An alignment that is in doubt again, without what does not look like the map, if that is
+        much of the photo, although its matches leave no doubt about the place. How much photo and
+        map are alike remains that of the whole photo. (Alignments that are not in doubt gain
+        nothing by it, and become too sure.)"""
         verification, pose = self.settings.verification, coarse.cam_from_world
         unlike = not aligned.agreement >= verification.changed_agreement
         if pose is None or not unlike or not are_decisive(coarse, photo.camera, verification):

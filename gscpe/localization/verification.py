@@ -71,10 +71,12 @@ class VerificationSettings:
     prior_sigmas: float = 4.0
 
     def __post_init__(self) -> None:
-        check_whole(self, "min_inliers", least=0)
+        check_whole(self, "min_inliers", "decisive_inliers", least=0)
         check_shares(self, "min_inlier_share", "min_spread", "min_overlap")
+        check_shares(self, "decisive_inlier_share", "decisive_spread")
+        agreements = "min_agreement", "min_tracking_agreement", "sure_agreement"
         check_numbers(
-            self, "min_agreement", "min_tracking_agreement", "sure_agreement", least=-1, most=1
+            self, *agreements, "decisive_agreement", "changed_agreement", least=-1, most=1
         )
         check_numbers(
             self,
