@@ -48,8 +48,9 @@ def find_pitch(
     """Degrees below the horizon at which the splat looks best from good places: there its photos
     looked.
 
-    Training makes sharp and thin what photos saw. On four splats, scores are best within 10 degrees
-    of the median of the photos that they were trained on.
+    Training makes sharp and thin what photos saw. From the photos' own places in four splats,
+    scores are best 4, 11, 13 and 24 degrees from the photos' median; the last splat looks much the
+    same at all pitches.
     """
     directions = _good_directions(places[:_PLACES], space)
     poses = np.array(
