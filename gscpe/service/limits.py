@@ -42,9 +42,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         check_whole(self, "body_bytes", "pixels", "queue", least=1)
-        check_numbers(
-            self, "idle_seconds", "upload_seconds", "decode_seconds", "seconds", above=0
-        )
+        check_numbers(self, "idle_seconds", "upload_seconds", "decode_seconds", "seconds", above=0)
         check_whole(self, "trackers", least=0)
 
 

@@ -86,7 +86,7 @@ def test_unknown_names(name: str) -> None:
 
 
 def test_a_missing_onnx_file(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match=r"none\.onnx is missing, or no file; give the path of an ONNX file"):
+    with pytest.raises(ModelError, match=r"none\.onnx is missing, or no file; give the path"):
         make_matcher(f"onnx:{tmp_path / 'none.onnx'}")
 
 
