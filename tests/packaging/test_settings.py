@@ -33,6 +33,8 @@ BELOW_ZERO = {
     "VerificationSettings.min_agreement": "a correlation",
     "VerificationSettings.min_tracking_agreement": "a correlation",
     "VerificationSettings.sure_agreement": "a correlation",
+    "VerificationSettings.decisive_agreement": "a correlation",
+    "VerificationSettings.changed_agreement": "a correlation",
     "ViewpointSettings.pitch_down": "an angle: below 0, views look up",
     "XFeatMatcherSettings.min_cosine": "a cosine",
 }

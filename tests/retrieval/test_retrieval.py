@@ -140,7 +140,7 @@ def test_training_is_bounded(local: list[NDArray[np.float32]]) -> None:
     bounded = VocabularySettings(words=16, training_descriptors=64)
     assert learn_vocabulary(local, bounded).shape == (8, 128)
     for wrong in ({"words": 0}, {"training_descriptors": 0}):
-        with pytest.raises(SettingsError, match="words must be"):
+        with pytest.raises(SettingsError, match="must be a whole number"):
             VocabularySettings(**wrong)
 
 
