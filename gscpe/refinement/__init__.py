@@ -4,9 +4,11 @@
 from gscpe.refinement.exposure import ClippingSettings
 from gscpe.refinement.illumination import IlluminationSettings
 from gscpe.refinement.light import LightSettings
-from gscpe.refinement.loop import RefinementResult, RefinementSettings, refine_pose
+from gscpe.refinement.loop import refine_pose
 from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
 from gscpe.refinement.observer import RefinementObserver
+from gscpe.refinement.result import RefinementResult
+from gscpe.refinement.settings import RefinementSettings
 from gscpe.refinement.uncertainty import PoseUncertainty, UncertaintySettings
 from gscpe.refinement.visibility import VisibilitySettings
 
