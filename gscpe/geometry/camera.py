@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Sequence
 
 import numpy as np
@@ -74,6 +75,9 @@ class Camera:
     principal_sigma: float = 0.0
 
     def __post_init__(self) -> None:
+        for size in (self.width, self.height):
+            if not isinstance(size, Integral):
+                raise CameraError(f"a camera's size must be whole numbers of pixels, not {size!r}")
         if self.width < 1 or self.height < 1:
             raise CameraError(f"camera size must be positive, not {self.width}x{self.height}")
         numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)

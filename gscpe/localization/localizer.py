@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
@@ -99,14 +100,20 @@ class Localizer(Closing):
         )
         self._lock = threading.RLock()  # an observer may render
         self._closed = False
+        self._process = os.getpid()
 
     @contextmanager
     def _while_open(self) -> Iterator[None]:
         """One thread at a time.
 
         Raises:
-            ClosedError: the localizer is closed.
+            ClosedError: the localizer is closed, or was left behind by a fork.
         """
+        if os.getpid() != self._process:  # its threads stayed behind, and would be waited for
+            raise ClosedError(
+                "this localizer was made before its process was forked, and does not survive that: "
+                "make one in each process (gscpe.batch starts them)"
+            )
         with self._lock, one_blas_thread():
             if self._closed:
                 raise ClosedError("this localizer is closed")
@@ -166,6 +173,8 @@ class Localizer(Closing):
             )
         if isinstance(references, str):
             raise MapError(f"references must be a list of names: give [{references!r}]")
+        if references is not None and not len(references):
+            raise MapError("references is empty: name some, or leave it out to have them found")
         knows_rotation = prior is not None and self._places.knows_rotation(prior)
         if not knows_rotation and not len(self.map.references):
             raise MapError(

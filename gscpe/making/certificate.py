@@ -219,7 +219,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
             of_renders=bool(data.get("of_renders", False)),
         )
     except (OSError, ValueError, KeyError, TypeError, SettingsError) as error:
-        raise MapError(f"{path} is damaged ({error}); delete it, or make the map again") from error
+        raise MapError(f"{path} is damaged; delete it, or make the map again") from error
 
 
 def _median(values: Sequence[float | None]) -> float:

@@ -16,7 +16,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.output_file import write_file
 from gscpe.photos.orientation import exif_orientation, swaps_sides, turned_image
 
-_JPEG, _RADIANCE = b"\xff\xd8", (b"#?RADIANCE", b"#?RGBE")
+_JPEG, _JPEG_END, _RADIANCE = b"\xff\xd8", b"\xff\xd9", (b"#?RADIANCE", b"#?RGBE")
 _HEIC_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"}
 _BIT_DEPTHS = (8, 10, 12, 14, 16)  # of cameras that store raw values in 16 bits
 
@@ -58,9 +58,17 @@ def decode_image(data: bytes, name: str | Path, upright: bool = False) -> UInt8A
     """As :func:`read_image`, of the bytes of a file; ``name`` is what messages call it."""
     stored = _heic(data, name) if is_heic(data) else _decoded(data)
     if stored is None or stored.size == 0:
-        raise PhotoError(f"{name} is not an image that can be decoded; expected JPEG, PNG, ...")
+        raise PhotoError(f"{name} {_why_not_decoded(data)}")
     image = _rgb_or_rgba(stored, data, name)
     return turned_image(image, exif_orientation(data)) if upright else image
+
+
+def _why_not_decoded(data: bytes) -> str:
+    if not data:
+        return "is empty"
+    if data.startswith(_JPEG) and _JPEG_END not in data[-1024:]:
+        return "is a JPEG that is cut off: its end is missing"
+    return "is not an image that can be decoded; expected JPEG, PNG, ..."
 
 
 def read_image_of(path: str | Path, camera: Camera) -> UInt8Array:

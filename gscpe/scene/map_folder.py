@@ -197,7 +197,9 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise MapError(f"{folder} is not a gscpe map: it has no map.json; see gscpe build-map")
     try:
         manifest = parse_json(path.read_text())
-        is_map, version = manifest["format"] == FORMAT, int(manifest["version"])
+        is_map, version = manifest["format"] == FORMAT, manifest["version"]
+        if not isinstance(version, int):
+            raise TypeError("no whole number")
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise MapError(f"{path} is damaged; build the map again") from error
     if not is_map:

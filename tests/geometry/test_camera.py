@@ -270,3 +270,10 @@ def test_what_is_typed_is_looked_at() -> None:
     ):
         with pytest.raises(CameraError, match=why):
             Camera.typed(wrong)
+
+
+@pytest.mark.parametrize("size", [640.0, 640.5, "640", None])
+def test_sizes_are_whole_numbers(size: object) -> None:
+    with pytest.raises(CameraError, match="whole numbers of pixels"):
+        Camera(size, 480, 500.0, 500.0, 320.0, 240.0)  # type: ignore[arg-type]
+    assert Camera(np.int64(640), 480, 500.0, 500.0, 320.0, 240.0).width == 640  # type: ignore[arg-type]

@@ -8,7 +8,9 @@ its surfels are a pixel wide.
 
 from __future__ import annotations
 
-from typing import Callable, Iterator
+import multiprocessing
+import os
+from typing import Any, Callable, Iterator
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map, room_shot, scaled_pose
 
 from gscpe import LocalizationResult, Localizer, LocalizerSettings
-from gscpe.errors import CameraError, PhotoError, RenderError, SettingsError
+from gscpe.errors import CameraError, MapError, PhotoError, RenderError, SettingsError
 from gscpe.geometry import Camera, pose_difference, se3
 
 CAMERA = room_camera(240, 180)
@@ -181,6 +183,8 @@ def test_wrong_input(localizer: Localizer) -> None:
         localizer.localize(photo(ROOM_POSE), room_camera(120, 90))
     with pytest.raises(PhotoError, match=r"must be .* uint8 RGB, not float64"):
         localizer.localize(photo(ROOM_POSE) / 255.0, CAMERA)  # type: ignore[arg-type]
+    with pytest.raises(MapError, match="references is empty"):
+        localizer.localize(photo(ROOM_POSE), CAMERA, references=[])
 
 
 def test_a_closed_localizer_says_so() -> None:
@@ -189,6 +193,28 @@ def test_a_closed_localizer_says_so() -> None:
     localizer.close()
     with pytest.raises(RenderError, match="closed"):
         localizer.localize(photo(ROOM_POSE), CAMERA)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_localizer_does_not_survive_a_fork(localizer: Localizer) -> None:
+    """Its threads stay behind; a forked process would wait for them for ever."""
+    localizer.localize(photo(ROOM_POSE), CAMERA)
+    context = multiprocessing.get_context("fork")
+    answers = context.Queue()
+
+    def localize(answers: Any) -> None:
+        try:
+            localizer.localize(photo(ROOM_POSE), CAMERA)
+        except RenderError as error:
+            answers.put(str(error))
+
+    worker = context.Process(target=localize, args=(answers,))
+    worker.start()
+    try:
+        assert "make one in each process" in answers.get(timeout=60)
+    finally:
+        worker.kill()
+        worker.join()
 
 
 def test_it_can_also_render(localizer: Localizer) -> None:

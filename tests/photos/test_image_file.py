@@ -191,3 +191,16 @@ def test_a_camera_of_the_turned_photo_without_exif(
         read_image_of(path, simple_camera(47, 61))
     with pytest.raises(CameraError, match=r"a\.png is 61x47, but its camera is 640x480"):
         read_image_of(path, simple_camera(640, 480))
+
+
+def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, picture: NDArray[np.uint8]) -> None:
+    whole = cv2.imencode(".jpg", picture)[1].tobytes()
+    for data, words in (
+        (b"", "is empty"),
+        (whole[:200], "is a JPEG that is cut off"),
+        (b"no picture", "is not an image that can be decoded"),
+    ):
+        path = tmp_path / "photo.jpg"
+        path.write_bytes(data)
+        with pytest.raises(PhotoError, match=rf"photo\.jpg {words}"):
+            read_image(path)
