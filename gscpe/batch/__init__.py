@@ -12,7 +12,14 @@ from gscpe.batch.priors import read_priors
 from gscpe.batch.record import keep_a_copy, localize_list, localize_with
 from gscpe.batch.shelf import Shelf, ShelfOrder, named_maps, shelf_order
 from gscpe.batch.start import start_worker
-from gscpe.batch.to_files import ListFiles, check_outputs, localize_to_files, map_path, write_poses
+from gscpe.batch.to_files import (
+    ListFiles,
+    check_outputs,
+    localize_to_files,
+    map_path,
+    refuse_details,
+    write_poses,
+)
 from gscpe.batch.worker import QueryWorker, Worker
 
 __all__ = [
@@ -44,6 +51,7 @@ __all__ = [
     "named_maps",
     "read_details",
     "read_priors",
+    "refuse_details",
     "result_details",
     "shelf_order",
     "start_worker",

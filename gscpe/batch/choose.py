@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from pathlib import Path
 
 from gscpe.batch.crew import Crew, SerialCrew
@@ -15,6 +16,8 @@ from gscpe.cores import available_cores
 from gscpe.errors import MissingDependencyError, SettingsError
 from gscpe.render import choose_backend
 
+_log = logging.getLogger(__name__)
+
 _PHOTOS_A_WORKER = 8
 """Fewer than these are localized in the time that one more worker takes to start."""
 
@@ -22,11 +25,16 @@ _BYTES = 500_000_000
 """Memory of a worker on the CPU, beside its map; from what tools/bench_batch.py measures."""
 
 
+_MOST, _MOST_A_CORE = 16, 8
+"""More workers, altogether or for each core, are a mistake: they only take memory and time."""
+
+
 def make_crew(
     instructions: Instructions,
     workers: int = 1,
     scheduler: str | None = None,
     progress: bool = False,
+    photos: int | None = None,
 ) -> Crew:
     """The crew that was asked for, ready to work.
 
@@ -35,15 +43,18 @@ def make_crew(
         workers: processes on this machine; 1: this one.
         scheduler: address of a Dask scheduler, whose workers are taken instead.
         progress: show a bar when this process compiles the CPU rasterizer.
+        photos: how many there are to localize, where that is known; no more processes are started.
 
     Raises:
-        SettingsError: the number of workers, or the address, is none.
+        SettingsError: the number of workers is none, or far more than the cores can serve; or the
+            address is none.
         WorkerError: the workers do not start, or the scheduler cannot be reached.
         MissingDependencyError: ``scheduler`` without Dask, or ``backend="cpu"`` without Numba.
         GscpeError: what else :func:`gscpe.batch.start_worker` raises.
     """
-    if workers < 1:
-        raise SettingsError(f"there must be at least one worker, not {workers}")
+    if photos is not None and workers > 1:
+        workers = min(workers, max(1, photos))
+    check_workers(workers)
     if scheduler is not None:
         try:
             importlib.import_module("distributed")
@@ -57,6 +68,28 @@ def make_crew(
     if workers > 1:
         return ProcessCrew(instructions, workers)
     return SerialCrew(start_worker(instructions, progress), instructions.fingerprint)
+
+
+def check_workers(workers: int) -> None:
+    """Warns of more processes than cores, which are not faster and need more memory.
+
+    Raises:
+        SettingsError: there are none, or so many that the machine would break down.
+    """
+    if workers < 1:
+        raise SettingsError(f"there must be at least one worker, not {workers}")
+    cores = available_cores()
+    most = max(_MOST, _MOST_A_CORE * cores)
+    if workers > most:
+        raise SettingsError(
+            f"{workers} workers are too many for {cores} cores; at most {most}, and more than "
+            f"{cores} are hardly faster"
+        )
+    if workers > cores:
+        _log.warning(
+            "%d workers on %d cores are hardly faster than %d, and need more memory",
+            *(workers, cores, cores),
+        )
 
 
 def choose_workers(instructions: Instructions, queries: int) -> int:

@@ -20,10 +20,12 @@ from tqdm import tqdm
 from gscpe.batch.crew import Crew, SerialCrew
 from gscpe.batch.details import Detail, read_details
 from gscpe.batch.fingerprint import photo_fingerprint
+from gscpe.batch.one_writer import one_writer
 from gscpe.batch.worker import Worker
 from gscpe.errors import OutputError
 from gscpe.given import real_path
 from gscpe.localization import Localizer
+from gscpe.output_file import replace_file
 from gscpe.scene.query_list import Query
 
 _log = logging.getLogger(__name__)
@@ -85,14 +87,26 @@ def localize_with(
         told: is given each detail as soon as it is on disk, those that are kept first.
 
     Raises:
-        OutputError: the details cannot be written.
+        OutputError: the details cannot be written, or another run is writing them.
         GscpeError: what the crew raises.
     """
-    details_path = Path(details_path)
+    with one_writer(details_path):
+        return record(crew, queries, Path(details_path), resume, progress, told)
+
+
+def record(
+    crew: Crew,
+    queries: Sequence[Query],
+    details_path: Path,
+    resume: bool,
+    progress: bool,
+    told: Told | None,
+) -> list[Detail]:
+    """As :func:`localize_with`, for who is the details' :func:`one_writer` already."""
     marks: dict[str, str] = asdict(crew.fingerprint) if crew.fingerprint else {}
     finished = _still_true(crew, queries, read_details(details_path), marks) if resume else {}
     if not resume:
-        keep_a_copy(details_path)
+        keep_a_copy(details_path, stays=True)
     # Rewritten, so that a line cut off by the interruption does not stay.
     _write(details_path, finished.values(), "w")
     if told is not None:
@@ -143,17 +157,24 @@ def _still_true(
     return kept
 
 
-def keep_a_copy(path: Path) -> None:
+def keep_a_copy(path: Path, stays: bool = False) -> None:
     """Renames an earlier run's file, if it holds anything, to one with the ending ``.bak``.
 
+    Args:
+        path: of the file.
+        stays: it is copied instead, since it is held (:func:`one_writer`).
+
     Raises:
-        OutputError: it cannot be renamed.
+        OutputError: it cannot be renamed or copied.
     """
     try:
         if path.is_file() and path.stat().st_size:
             path = real_path(path)  # a link stays one
             backup = path.with_name(path.name + ".bak")
-            path.replace(backup)
+            if stays:
+                replace_file(backup, path.read_bytes())
+            else:
+                path.replace(backup)
             _log.warning("the earlier results are kept in %s", backup)
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error

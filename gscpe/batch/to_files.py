@@ -5,16 +5,17 @@ and the pose files."""
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
-from gscpe.batch.record import Told, localize_with
+from gscpe.batch.one_writer import one_writer
+from gscpe.batch.record import Told, record
 from gscpe.errors import OutputError
-from gscpe.given import real_path
+from gscpe.given import parse_json, real_path
 from gscpe.output_file import write_file
 from gscpe.photos.photo_name import quoted_name
 from gscpe.scene.query_list import Query
@@ -53,28 +54,33 @@ def localize_to_files(
         instructions: of the workers.
         queries: photos and cameras.
         files: to write.
-        workers: processes; None: what is faster here, unless there is a scheduler.
+        workers: processes, never more than queries; None: what is faster here, unless there is
+            a scheduler.
         scheduler, progress: as :func:`gscpe.batch.make_crew`.
         resume, told: as :func:`gscpe.batch.localize_with`.
 
     Raises:
-        OutputError: a file cannot be written, or a photo's name cannot be in a pose file (before
-            anything is done).
+        OutputError: a file cannot be written, another run is writing the details, a pose file is
+            to replace a details file, or a photo's name cannot be in a pose file (before anything
+            is done).
         GscpeError: what making a crew and its work raise.
     """
+    refuse_details([files.final, files.coarse])
     if files.final is not None or files.coarse is not None:
         for query in queries:
             quoted_name(query.name)
     if workers is None:
         workers = 1 if scheduler else choose_workers(instructions, len(queries))
-    with make_crew(instructions, workers, scheduler, progress) as crew:
+    with (
+        one_writer(files.details),
+        make_crew(instructions, workers, scheduler, progress, len(queries)) as crew,
+    ):
         _log.info("%s", crew.description)
         try:
-            details = localize_with(crew, queries, files.details, resume, progress, told)
+            details = record(crew, queries, files.details, resume, progress, told)
             return details, crew.description
         finally:
-            finished = read_details(files.details)
-            done = [finished[query.name] for query in queries if query.name in finished]
+            done = _finished(files.details, queries, instructions)
             for path, stage in ((files.final, "final"), (files.coarse, "coarse")):
                 if path is not None:
                     _write_of_each_map(done, path, stage, instructions)
@@ -84,6 +90,14 @@ def localize_to_files(
                     "continue",
                     *(len(done), len(queries)),
                 )
+
+
+def _finished(path: Path, queries: Sequence[Query], instructions: Instructions) -> list[Detail]:
+    """Of this very map and these settings: where there are no locks, another run may have
+    written to the file."""
+    details, marks = read_details(path), asdict(instructions.fingerprint)
+    there = [details[query.name] for query in queries if query.name in details]
+    return [detail for detail in there if detail.items() >= marks.items()]
 
 
 def _write_of_each_map(
@@ -121,6 +135,28 @@ def check_outputs(paths: Sequence[str | Path | None], inputs: Sequence[str | Pat
                 target.unlink()
         except OSError as error:
             raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def refuse_details(paths: Sequence[str | Path | None]) -> None:
+    """Raises OutputError where a pose file would replace the details of an earlier run: by its
+    name (``.details.jsonl``), or what is in it."""
+    for path in (Path(path) for path in paths if path is not None):
+        if path.name.endswith(".details.jsonl") or _holds_details(path):
+            raise OutputError(
+                f"{path} is a details file, which poses would replace; give another name for the "
+                "poses, such as poses.txt (--details is for details)"
+            )
+
+
+def _holds_details(path: Path) -> bool:
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            detail = parse_json(file.readline())
+    except (OSError, ValueError):
+        return False
+    return isinstance(detail, dict) and detail.keys() >= {"name", "camera", "cam_from_world"}
 
 
 def write_poses(details: Sequence[Mapping[str, Any]], path: str | Path, stage: str) -> None:

@@ -21,6 +21,7 @@ from gscpe.batch import (
     map_path,
     named_maps,
     read_priors,
+    refuse_details,
 )
 from gscpe.cli.common import (
     check_pictures,
@@ -59,6 +60,7 @@ def localize_queries(options: argparse.Namespace) -> int:
     if options.also is not None:
         names = named_maps([options.map, *options.also])
         poses = [map_path(path, name) for path in poses for name in names]
+    refuse_details(poses)
     check_outputs([details_path, *poses], inputs)
     check_pictures(options.pictures, Path(options.images), [query.name for query in queries])
     priors = _priors(options, queries)

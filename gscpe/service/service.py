@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Awaitable, Mapping
 
-from gscpe.batch.choose import workers_for
+from gscpe.batch.choose import check_workers, workers_for
 from gscpe.batch.in_process import Start
 from gscpe.batch.shelf import ShelfOrder, shelf_bytes
 from gscpe.closing import Closing
@@ -62,6 +62,7 @@ class Service(Closing):
         start: what they hold; None: a :class:`gscpe.service.desk.Desk`.
 
     Raises:
+        SettingsError: there are to be far more workers than the cores can serve.
         WorkerError: they die when they start.
         MapError: a map has a name with letters that an address cannot have.
         GscpeError: what opening the first map raised.
@@ -71,6 +72,7 @@ class Service(Closing):
         self, order: ShelfOrder, settings: ServiceSettings, start: Start | None = None
     ) -> None:
         _check_names(order)
+        check_workers(settings.workers)
         self.order, self.settings, self.limits = order, settings, settings.limits
         self.maps = {name: _about(name, folder) for name, folder in order.folders.items()}
         self.threads = max(1, available_cores() // settings.workers)

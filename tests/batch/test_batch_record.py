@@ -125,7 +125,7 @@ def test_a_crews_system_error_is_not_taken_for_the_files(tmp_path: Path) -> None
 
     with pytest.raises(OSError, match="too many processes"):
         localize(Broken(), tmp_path)
-    (tmp_path / "d.jsonl").unlink()
+    (tmp_path / "d.jsonl").unlink(missing_ok=True)
     (tmp_path / "d.jsonl").mkdir()
     with pytest.raises(OutputError, match="cannot be written"):
         localize(Backwards(), tmp_path)

@@ -90,3 +90,23 @@ def test_names_longer_than_files_may_have(
     check_refused(["evaluate", "e" * 300, "t" * 300], capsys)
     build = ["build-map", "s" * 300, "--colmap", "c" * 300, "--images", "i" * 300]
     check_refused([*build, "--output", str(tmp_path / "m.gsmap")], capsys)
+
+
+@pytest.mark.parametrize("option", ["--output", "--coarse-output"])
+def test_poses_into_an_earlier_runs_details(
+    option: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    details = tmp_path / "p.details.jsonl"
+    details.write_text("{}\n")
+    command = localize_list(folder, str(tmp_path / "q.txt"), option, str(details))
+    check_refused(command, capsys)
+    assert [path.name for path in tmp_path.iterdir()] == [details.name]
+    assert details.read_text() == "{}\n"
+
+
+def test_a_service_of_far_too_many_workers(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("uvicorn")
+    command = ["serve", str(folder / "room.gsmap"), "--port", "0", "--workers", "9999"]
+    check_refused(command, capsys)
