@@ -15,11 +15,11 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
 from gscpe import __version__
-from gscpe.errors import GscpeError, PhotoError, PoseError
+from gscpe.errors import CameraError, GscpeError, InputError, PhotoError, PoseError
 from gscpe.service import forms
 from gscpe.service.desk import LocalizeJob, RenderJob
 from gscpe.service.guard import App, Guard
-from gscpe.service.limits import Limits, check_photo
+from gscpe.service.limits import Limits, check_camera, check_photo
 from gscpe.service.pages import docs_page, front_page
 from gscpe.service.problem import (
     MEDIA_TYPE,
@@ -36,6 +36,8 @@ from gscpe.service.track import follow
 
 _RENDER_SIDE = 1280
 
+_FIELDS = ("photo", "camera", "prior", "prior_sigma")
+
 _FORM = {
     "requestBody": {
         "required": True,
@@ -44,6 +46,7 @@ _FORM = {
                 "schema": {
                     "type": "object",
                     "required": ["photo"],
+                    "additionalProperties": False,
                     "properties": {
                         "photo": {
                             "type": "string",
@@ -127,7 +130,8 @@ def _add_maps(app: FastAPI, service: Service) -> None:
         service.check_map(map_name)
         parsed, pose = forms.parse_camera(camera), forms.parse_cam_from_world(cam_from_world)
         if parsed is None:
-            raise ProblemError(Problem(422, "CameraError", "a render needs a camera"))
+            raise CameraError("a render needs a camera")
+        check_camera(parsed, service.limits)
         shrink = _RENDER_SIDE / max(parsed.width, parsed.height)
         if shrink < 1:
             size = (max(1, round(shrink * side)) for side in (parsed.width, parsed.height))
@@ -210,9 +214,28 @@ async def _job(map_name: str, request: Request, limits: Limits) -> LocalizeJob:
             too_slow(f"the photo did not arrive within {limits.upload_seconds:g} s")
         ) from None
     try:
+        _check_fields(form, request)
         return await _job_of(form, map_name, limits)
     finally:
         await form.close()
+
+
+def _check_fields(form: FormData, request: Request) -> None:
+    """A misspelt camera or prior would otherwise change the answer without a word.
+
+    Raises:
+        InputError: the form has a field that nobody reads, or one twice; or something stands in
+            the address that belongs into the form.
+    """
+    known = f"a form has these: {', '.join(_FIELDS)}"
+    names = [name for name, _ in form.multi_items()]
+    if unknown := [name for name in dict.fromkeys(names) if name not in _FIELDS]:
+        listed = ", ".join(one_line(name, 60) or "one without a name" for name in unknown)
+        raise InputError(f"unknown form field: {listed}; {known}")
+    if twice := [name for name in _FIELDS if names.count(name) > 1]:
+        raise InputError(f"given more than once: {', '.join(twice)}")
+    if request.query_params:
+        raise InputError(f"nothing is read from the address after the ?; {known}")
 
 
 async def _job_of(form: FormData, map_name: str, limits: Limits) -> LocalizeJob:
