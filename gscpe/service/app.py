@@ -13,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from gscpe import __version__
 from gscpe.errors import CameraError, GscpeError, InputError, PhotoError, PoseError
@@ -27,6 +28,7 @@ from gscpe.service.problem import (
     ProblemError,
     failed,
     not_found,
+    not_waited_for,
     one_line,
     problem_of,
     too_slow,
@@ -213,6 +215,8 @@ async def _job(map_name: str, request: Request, limits: Limits) -> LocalizeJob:
         raise ProblemError(
             too_slow(f"the photo did not arrive within {limits.upload_seconds:g} s")
         ) from None
+    except ClientDisconnect:
+        raise ProblemError(not_waited_for()) from None
     try:
         _check_fields(form, request)
         return await _job_of(form, map_name, limits)
