@@ -50,7 +50,7 @@ class ProcessCrew(Crew):
 
     @property
     def description(self) -> str:
-        return f"{len(self._pool.workers)} processes, each: {self._pool.description}"
+        return self._pool.described(len(self._pool.workers))
 
     def at_work(self) -> dict[int, str]:
         """Process ids of the workers that are busy, and the photos that they work on."""

@@ -70,6 +70,11 @@ class ProcessPool(Closing):
             self.close()
             raise
 
+    def described(self, count: int) -> str:
+        """So many of these processes, for people."""
+        number = "1 process" if count == 1 else f"{count} processes, each"
+        return f"{number}: {self.description}"
+
     def hire(self) -> None:
         """One more."""
         quiet = bool(self.description or self.workers)  # they would all say the same

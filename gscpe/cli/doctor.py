@@ -22,18 +22,36 @@ from gscpe.render.diagnosis import OpenGLFacts, findings
 from gscpe.splats import GaussianScene
 
 _REQUIRED = (
-    *("numpy", "scipy", "opencv-contrib-python-headless"),
+    *("numpy", "scipy", "opencv-contrib-python-headless", "pillow", "jinja2", "markupsafe"),
     *("onnxruntime", "platformdirs", "scikit-image", "tqdm", "threadpoolctl", "trimesh"),
 )
-_OPTIONAL = {
-    "moderngl": "rendering with OpenGL (it has no wheel for Arm Linux)",
-    "numba": "rendering on the CPU, several times faster than OpenGL in software",
-    "gaussforge": "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
-    "onnx": "making trained networks: gscpe models install",
-    "rosbags": "following cameras in ROS bags",
-    "fastapi": "poses over HTTP: gscpe serve",
+_NOT_EVERYWHERE = {
+    "moderngl": "rendering with OpenGL",
     "pycolmap": "its RANSAC, in place of OpenCV's",
 }
+"""Required, but without a wheel for Arm Linux."""
+
+_EXTRAS = {
+    "cpu": (("numba",), "rendering on the CPU, several times faster than OpenGL in software"),
+    "formats": (
+        ("gaussforge",),
+        "splats that are not .ply: .spz, .splat, .ksplat, .sog, compressed .ply",
+    ),
+    "heic": (("pillow-heif",), "photos of iPhones: .heic"),
+    "models": (("onnx",), "making trained networks: gscpe models install"),
+    "index": (("faiss-cpu",), "maps of more than 100 000 reference photos"),
+    "datasets": (("pyyaml",), "data sets with calibrations in YAML"),
+    "ros": (("rosbags", "pyyaml"), "following cameras in ROS bags"),
+    "dask": (("distributed",), "batches on a cluster: gscpe localize --scheduler"),
+    "view": (("viser",), "the map in a browser: gscpe view"),
+    "serve": (
+        ("fastapi", "uvicorn", "python-multipart", "websockets", "httpx"),
+        "poses over HTTP: gscpe serve, gscpe.Client",
+    ),
+    "plots": (("matplotlib",), "the pictures that the tools draw"),
+}
+"""Of pyproject.toml, for those who use gscpe: packages, and what for."""
+
 _CAMERA = Camera.pinhole(64, 48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
 _COLOUR_TOLERANCE = 1.0 / 255.0
 _DEPTH_TOLERANCE = 1e-3
@@ -49,14 +67,26 @@ def run(options: argparse.Namespace) -> int:
     print(f"{os.cpu_count()} CPU cores")
     for package in _REQUIRED:
         _line(package, _version(package) or f"MISSING: pip install {package}")
-    for package, use in _OPTIONAL.items():
-        missing = f"missing (optional), for {use}: pip install {package}"
+    for package, use in _NOT_EVERYWHERE.items():
+        missing = f"missing, for {use} (no wheel for Arm Linux): pip install {package}"
         _line(package, _version(package) or missing)
+    _print_extras()
     whole = _print_models()
     facts = _print_driver()
     views = {backend: view for backend in ("gl", "cpu") if (view := _try(backend)) is not None}
     agree = len(views) < 2 or _agree(views["gl"], views["cpu"])
     return _verdict(views, agree, facts.is_software, whole)
+
+
+def _print_extras() -> None:
+    """Each package once, and of each extra what is missing."""
+    versions = {name: _version(name) for packages, _ in _EXTRAS.values() for name in packages}
+    for name, version in versions.items():
+        if version is not None:
+            _line(name, version)
+    for extra, (packages, use) in _EXTRAS.items():
+        if missing := ", ".join(name for name in packages if versions[name] is None):
+            _line(missing, f"missing (optional), for {use}: pip install 'gscpe[{extra}]'")
 
 
 def _print_models() -> bool:

@@ -17,6 +17,9 @@ from gscpe.render.rasterizer import Rasterizer, choose_backend
 from gscpe.render.view import RenderedView
 from gscpe.splats.gaussians import GaussianScene
 
+MOST_PIXELS = 100_000_000
+"""Of a picture: at 24 bytes each (:class:`gscpe.RenderedView`), 2.4 GB."""
+
 
 class Renderer(Closing):
     """Holds one splat, on the graphics driver or in memory, and renders it from any pose.
@@ -54,11 +57,12 @@ class Renderer(Closing):
         """The splat as this camera sees it.
 
         Args:
-            camera: a pinhole camera; the principal point may be anywhere.
+            camera: a pinhole camera; the principal point may be anywhere. At most 100 million
+                pixels, with every backend; less where the graphics driver's limit is lower.
             cam_from_world: (4, 4) rigid transform.
 
         Raises:
-            RenderError: the camera has distortion, or OpenGL failed.
+            RenderError: the camera has distortion or too many pixels, or OpenGL failed.
             ClosedError: the renderer is closed.
             PoseError: the pose is not a rigid transform.
             CameraError: the camera is no Camera.
@@ -67,6 +71,11 @@ class Renderer(Closing):
             raise CameraError(f"rendering needs a gscpe.Camera, not a {type(camera).__name__}")
         if not camera.is_pinhole:
             raise RenderError("rendering needs a pinhole camera; undistort the photo first")
+        if camera.width * camera.height > MOST_PIXELS:
+            raise RenderError(
+                f"a picture may have {MOST_PIXELS} pixels, not {camera.width}x{camera.height}; "
+                "render a smaller one (Camera.resized)"
+            )
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
         cam_from_scene = cam_from_world.copy()
         cam_from_scene[:3, 3] += cam_from_world[:3, :3] @ self._origin

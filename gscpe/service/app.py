@@ -13,13 +13,14 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from gscpe import __version__
-from gscpe.errors import GscpeError, PhotoError, PoseError
+from gscpe.errors import CameraError, GscpeError, InputError, PhotoError, PoseError
 from gscpe.service import forms
 from gscpe.service.desk import LocalizeJob, RenderJob
 from gscpe.service.guard import App, Guard
-from gscpe.service.limits import Limits, check_photo
+from gscpe.service.limits import Limits, check_camera, check_photo
 from gscpe.service.pages import docs_page, front_page
 from gscpe.service.problem import (
     MEDIA_TYPE,
@@ -27,6 +28,7 @@ from gscpe.service.problem import (
     ProblemError,
     failed,
     not_found,
+    not_waited_for,
     one_line,
     problem_of,
     too_slow,
@@ -36,6 +38,8 @@ from gscpe.service.track import follow
 
 _RENDER_SIDE = 1280
 
+_FIELDS = ("photo", "camera", "prior", "prior_sigma")
+
 _FORM = {
     "requestBody": {
         "required": True,
@@ -44,6 +48,7 @@ _FORM = {
                 "schema": {
                     "type": "object",
                     "required": ["photo"],
+                    "additionalProperties": False,
                     "properties": {
                         "photo": {
                             "type": "string",
@@ -127,7 +132,8 @@ def _add_maps(app: FastAPI, service: Service) -> None:
         service.check_map(map_name)
         parsed, pose = forms.parse_camera(camera), forms.parse_cam_from_world(cam_from_world)
         if parsed is None:
-            raise ProblemError(Problem(422, "CameraError", "a render needs a camera"))
+            raise CameraError("a render needs a camera")
+        check_camera(parsed, service.limits)
         shrink = _RENDER_SIDE / max(parsed.width, parsed.height)
         if shrink < 1:
             size = (max(1, round(shrink * side)) for side in (parsed.width, parsed.height))
@@ -209,10 +215,31 @@ async def _job(map_name: str, request: Request, limits: Limits) -> LocalizeJob:
         raise ProblemError(
             too_slow(f"the photo did not arrive within {limits.upload_seconds:g} s")
         ) from None
+    except ClientDisconnect:
+        raise ProblemError(not_waited_for()) from None
     try:
+        _check_fields(form, request)
         return await _job_of(form, map_name, limits)
     finally:
         await form.close()
+
+
+def _check_fields(form: FormData, request: Request) -> None:
+    """A misspelt camera or prior would otherwise change the answer without a word.
+
+    Raises:
+        InputError: the form has a field that nobody reads, or one twice; or something stands in
+            the address that belongs into the form.
+    """
+    known = f"a form has these: {', '.join(_FIELDS)}"
+    names = [name for name, _ in form.multi_items()]
+    if unknown := [name for name in dict.fromkeys(names) if name not in _FIELDS]:
+        listed = ", ".join(one_line(name, 60) or "one without a name" for name in unknown)
+        raise InputError(f"unknown form field: {listed}; {known}")
+    if twice := [name for name in _FIELDS if names.count(name) > 1]:
+        raise InputError(f"given more than once: {', '.join(twice)}")
+    if request.query_params:
+        raise InputError(f"nothing is read from the address after the ?; {known}")
 
 
 async def _job_of(form: FormData, map_name: str, limits: Limits) -> LocalizeJob:

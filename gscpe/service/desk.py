@@ -12,7 +12,7 @@ import cv2
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.batch.building import Building
-from gscpe.batch.in_process import Talk
+from gscpe.batch.in_process import StoppedError, Talk
 from gscpe.batch.one_photo import OnePhoto, localize_one
 from gscpe.batch.shelf import Shelf, ShelfOrder
 from gscpe.closing import Closing
@@ -95,10 +95,11 @@ class Desk(Closing):
 
         Raises:
             RenderError: rendering failed; another process may do better.
+            StoppedError: nobody waits for the answer any more, which is no failure.
         """
         try:
             return self._work(job, talk)
-        except (EOFError, ConnectionError, RenderError):
+        except (EOFError, ConnectionError, RenderError, StoppedError):
             raise
         except Exception as error:
             if ran_out_of_memory(error):

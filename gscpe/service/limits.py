@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from io import BytesIO
 
-from gscpe.errors import PhotoError
+from gscpe.errors import CameraError, PhotoError
+from gscpe.geometry.camera import Camera
 from gscpe.photos.image_file import heic_photo, is_heic
 from gscpe.ranges import check_numbers, check_whole
 from gscpe.service.problem import ProblemError, too_large
@@ -21,7 +22,7 @@ class Limits:
 
     Attributes:
         body_bytes: of a request, and of a frame.
-        pixels: of a photo: a small file may hold a picture that fills the memory.
+        pixels: of a photo, and of a camera: a small file may hold a picture that fills the memory.
         idle_seconds: that a connection may take to send the head of a request, or to take an
             answer.
         upload_seconds: that the body may take to arrive, or the next frame of a camera.
@@ -59,6 +60,18 @@ def check_photo(data: bytes, name: str, limits: Limits) -> tuple[int, int]:
             too_large(f"{name} has {width}x{height} pixels, more than {limits.pixels}; shrink it")
         )
     return width, height
+
+
+def check_camera(camera: Camera, limits: Limits) -> None:
+    """Of a view that is asked for, or of frames that are to come.
+
+    Raises:
+        CameraError: it has too many pixels.
+    """
+    if camera.width * camera.height > limits.pixels:
+        raise CameraError(
+            f"a camera may have {limits.pixels} pixels here, not {camera.width}x{camera.height}"
+        )
 
 
 def _size(data: bytes, name: str) -> tuple[int, int]:

@@ -101,6 +101,11 @@ def busy(detail: str, retry_after: int) -> Problem:
     return Problem(503, "Busy", detail, max(1, retry_after))
 
 
+def not_waited_for() -> Problem:
+    """Whoever asked has left: nobody reads this, and it counts as no failure of the service."""
+    return Problem(499, "Gone", "nobody waits for the answer")
+
+
 def not_found(detail: str) -> Problem:
     return Problem(404, "NotFound", detail)
 

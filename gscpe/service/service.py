@@ -23,7 +23,7 @@ from gscpe.service.desk import AboveJob, Desk, Job
 from gscpe.service.gate import Gate
 from gscpe.service.limits import Limits
 from gscpe.service.metrics import Metrics
-from gscpe.service.problem import Problem, ProblemError, not_found
+from gscpe.service.problem import Problem, ProblemError, not_found, not_waited_for
 from gscpe.service.staff import Staff
 
 
@@ -109,7 +109,7 @@ class Service(Closing):
         try:
             await asyncio.wait({answered, left}, return_when=asyncio.FIRST_COMPLETED)
             if not answered.done():
-                raise ProblemError(Problem(499, "Gone", "nobody waits for the answer"))
+                raise ProblemError(not_waited_for())
             answer = answered.result()
         finally:
             left.cancel()

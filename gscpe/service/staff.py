@@ -76,7 +76,7 @@ class Staff(Closing):
         self._limits, self._metrics, self._count = limits, metrics, workers
         # To start, a worker may take as long as one of a batch: a map may be large.
         self._pool = ProcessPool(start, workers, threads, max(TIMEOUT, limits.seconds))
-        self.description = f"{workers} processes, each: {self._pool.description}"
+        self.description = self._pool.described(workers)
         self._lock = threading.Lock()
         self._waiting: deque[Ticket] = deque()
         self._called_off: list[Ticket] = []

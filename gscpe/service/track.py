@@ -15,7 +15,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.service import access, forms
 from gscpe.service.following import FrameJob, FrameTimes, LatestFrame, TrackerProcess
 from gscpe.service.guard import TOKEN_PENDING, unauthorized
-from gscpe.service.limits import Limits
+from gscpe.service.limits import Limits, check_camera
 from gscpe.service.problem import Problem, ProblemError, problem_of, too_slow
 from gscpe.service.service import Service
 
@@ -67,8 +67,7 @@ async def _camera(service: Service, socket: WebSocket) -> Camera:
     parsed = forms.parse_camera(camera if isinstance(camera, str) else json.dumps(camera))
     if parsed is None:
         raise CameraError("the first message has no camera")
-    if parsed.width * parsed.height > service.limits.pixels:
-        raise CameraError(f"frames may have {service.limits.pixels} pixels")
+    check_camera(parsed, service.limits)
     return parsed
 
 

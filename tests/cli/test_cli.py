@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +22,14 @@ from scenes import (
 )
 
 from gscpe import __version__
+from gscpe.cli import doctor
 from gscpe.cli.main import main
 from gscpe.geometry import pose_difference, se3
 from gscpe.photos import read_image, write_image
 from gscpe.poses.hloc import format_pose, parse_pose
 from gscpe.scene import open_map, save_map
 
+ROOT = Path(__file__).resolve().parents[2]
 CAMERA = room_camera(240, 180)
 ASIDE = se3.exp([0.05, -0.03, 0.04, 0.02, -0.02, 0.03]) @ ROOM_POSE
 AROUND = se3.exp([0, 0, 0, 0, 0.5, 0]) @ ROOM_POSE
@@ -190,6 +194,33 @@ def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     for word in ("moderngl", "numpy", "pycolmap", "OpenGL", "everything works"):
         assert word in out
     assert "MISSING" not in out
+
+
+def test_doctor_names_what_is_missing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lacking = {"uvicorn", "httpx", "faiss-cpu", "pyyaml"}
+    version = doctor._version
+    monkeypatch.setattr(doctor, "_version", lambda name: None if name in lacking else version(name))
+    main(["doctor"])
+    lines = [line for line in capsys.readouterr().out.splitlines() if "missing (optional)" in line]
+    told = dict(zip((line[:32].strip() for line in lines), lines, strict=True))
+    for missing, extra in (("uvicorn, httpx", "serve"), ("faiss-cpu", "index"), ("pyyaml", "ros")):
+        assert told[missing].endswith(f": pip install 'gscpe[{extra}]'")
+
+
+def test_doctor_knows_every_package() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+    def names(requirements: list[str]) -> set[str]:
+        return {re.split(r"[^\w-]", each)[0] for each in requirements}
+
+    assert {*doctor._REQUIRED, *doctor._NOT_EVERYWHERE} == names(project["dependencies"])
+    extras = project["optional-dependencies"]
+    for_developers = {"test", "browser"}
+    assert set(doctor._EXTRAS) == set(extras) - for_developers
+    for extra, (packages, _) in doctor._EXTRAS.items():
+        assert set(packages) == names(extras[extra])
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["localize", "--help"]])

@@ -179,6 +179,14 @@ def test_errors_leave_the_renderer_usable(
     np.testing.assert_array_equal(after.rgb, before.rgb)
 
 
+def test_a_picture_that_fills_the_memory_is_refused(scene: GaussianScene, backend: str) -> None:
+    with Renderer(scene, backend) as renderer:
+        for size in ((60_000, 60_000), (100_000_001, 1)):
+            with pytest.raises(RenderError, match=f"100000000 pixels, not {size[0]}x{size[1]}"):
+                renderer.render(simple_camera(*size), np.eye(4))
+        assert renderer.render(simple_camera(), np.eye(4)).rgb.shape == (48, 64, 3)
+
+
 def test_an_image_beyond_the_driver_is_refused(scene: GaussianScene) -> None:
     with (
         Renderer(scene, "gl") as renderer,

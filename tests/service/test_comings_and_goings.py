@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -34,6 +36,24 @@ def test_a_client_that_leaves_frees_its_worker(
         assert post(one.url, b"echo on").json()["text"] == "on"
         assert one.service.metrics.replaced == 0
         wait_until(lambda: one.service.gate.inside == 0)
+
+
+def test_a_client_that_leaves_while_it_sends(
+    fake: Callable[..., Service], caplog: pytest.LogCaptureFixture
+) -> None:
+    route = 'gscpe_requests_total{route="/v1/maps/{map_name}/localize"'
+    with serving(fake()) as one:
+        where = httpx.URL(one.url)
+        with socket.create_connection((where.host, where.port)) as connection:
+            connection.sendall(
+                b"POST /v1/maps/room/localize HTTP/1.1\r\nHost: localhost\r\n"
+                b"Content-Type: multipart/form-data; boundary=x\r\nContent-Length: 500000\r\n\r\n"
+                b'--x\r\nContent-Disposition: form-data; name="photo"; filename="a.jpg"\r\n\r\n0'
+            )
+            wait_until(lambda: one.service.gate.inside == 1)
+        wait_until(lambda: route in one.service.metrics_text())
+        assert f'{route},status="499"}} 1' in one.service.metrics_text()
+    assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
 
 
 def test_a_worker_that_is_killed_at_work(server: Serving, room: RoomFolder) -> None:

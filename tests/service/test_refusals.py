@@ -44,6 +44,30 @@ def test_what_cannot_be_used(server: Serving, room: RoomFolder) -> None:
     problem(httpx.get(f"{url}/v1/maps/room/render"), 422, "InputError")
 
 
+def test_a_camera_has_no_more_pixels_than_a_photo(server: Serving) -> None:
+    query = {"cam_from_world": "1 0 0 0 0 0 0", "camera": CAMERA.resized(1001, 1000).colmap_text()}
+    answer = httpx.get(f"{server.url}/v1/maps/room/render", params=query)
+    detail = problem(answer, 422, "CameraError")
+    assert detail == "a camera may have 1000000 pixels here, not 1001x1000"
+
+
+@pytest.mark.parametrize("path", ["/v1/maps/room/localize", "/v1/localize"])
+def test_what_nobody_would_read_is_refused(server: Serving, room: RoomFolder, path: str) -> None:
+    photo, text = photo_of(room), CAMERA.colmap_text()
+
+    def asked(query: str = "", **form: str | list[str]) -> str:
+        address = f"{server.url}{path}{query}"
+        answer = httpx.post(address, files={"photo": ("a.png", photo)}, data=form, timeout=120)
+        return problem(answer, 422, "InputError")
+
+    known = "a form has these: photo, camera, prior, prior_sigma"
+    assert asked(kamera=text, priors="") == f"unknown form field: kamera, priors; {known}"
+    assert asked(camera=[text, text]) == "given more than once: camera"
+    assert asked(f"?camera={text}") == f"nothing is read from the address after the ?; {known}"
+    misnamed = httpx.post(f"{server.url}{path}", files={"foto": ("a.png", photo)}, timeout=120)
+    assert problem(misnamed, 422, "InputError") == f"unknown form field: foto; {known}"
+
+
 def test_a_body_that_does_not_say_how_long_it_is(server: Serving) -> None:
     def chunks() -> Iterator[bytes]:
         head = b'--x\r\nContent-Disposition: form-data; name="photo"; filename="a.jpg"\r\n\r\n'

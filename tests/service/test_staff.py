@@ -3,17 +3,23 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 from concurrent.futures import CancelledError
+from multiprocessing import Pipe
 from pathlib import Path
-from typing import Any, Iterator
+from typing import Any, Callable, Iterator
 
 import pytest
-from batch_room import wait_until
+from batch_room import CAMERA, RoomFolder, wait_until
 from fake_desk import FakeDesk, Stillborn, job
 
+from gscpe.batch import shelf_order
+from gscpe.batch.in_process import Stop, StoppedError, Talk
+from gscpe.batch.shelf import Shelf
 from gscpe.errors import WorkerError
+from gscpe.service.desk import Desk, LocalizeJob
 from gscpe.service.limits import Limits
 from gscpe.service.metrics import Metrics
 from gscpe.service.problem import Problem
@@ -34,6 +40,7 @@ def test_each_gets_its_own_answer(staff: Staff) -> None:
     tickets = [staff.submit(job(f"echo {n}")) for n in range(50)]
     assert [t.future.result(120)["text"] for t in tickets] == [str(n) for n in range(50)]
     assert (staff.waiting, staff.busy) == (0, 0)
+    assert staff.description == "2 processes, each: nothing"
     assert answer(staff, "refuse a.jpg is bad") == Problem(422, "PhotoError", "a.jpg is bad")
 
 
@@ -63,10 +70,43 @@ def test_a_job_that_is_called_off_frees_its_worker(staff: Staff, tmp_path: Path)
     assert set(staff.pids()) == pids
 
 
+@pytest.mark.parametrize("at_work", [False, True])
+def test_who_leaves_is_no_failure(
+    room: RoomFolder,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    at_work: bool,
+) -> None:
+    """Whether the photo has just been decoded, or is being localized."""
+    ours, theirs = Pipe()
+    photo = (room.path / "photos" / "a.png").read_bytes()
+    order = shelf_order([str(room.path / "room.gsmap")], matcher="sift")
+    if at_work:
+        monkeypatch.setattr(Shelf, "localizer", _telling(Shelf.localizer, ours))
+    else:
+        ours.send(Stop())
+    with (
+        Desk(Shelf(order), "") as desk,
+        caplog.at_level(logging.DEBUG, "gscpe.service"),
+        pytest.raises(StoppedError),
+    ):
+        desk.work(LocalizeJob("room", photo, "a.png", CAMERA, None), Talk(theirs))
+    assert caplog.records == []
+
+
+def _telling(localizer: Callable[..., Any], pipe: Any) -> Callable[..., Any]:
+    def told(shelf: Shelf, name: str) -> Any:
+        pipe.send(Stop())
+        return localizer(shelf, name)
+
+    return told
+
+
 def test_a_worker_that_hangs() -> None:
     limits = Limits(seconds=30.0, decode_seconds=30.0)
     with Staff(FakeDesk.start, 1, 1, limits, Metrics()) as staff:
         answer(staff, "echo ready")
+        assert staff.description == "1 process: nothing"
         staff._limits = Limits(seconds=0.3, decode_seconds=30.0)
         stuck = answer(staff, "hang")
         assert stuck == Problem(504, "TooSlow", "its worker hung, 2 times (no answer for 0.3 s)")
