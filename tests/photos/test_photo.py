@@ -85,7 +85,7 @@ def test_missing_and_unreadable_photos(tmp_path: Path) -> None:
 def test_files_that_are_no_images(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "photo.png"
     path.write_bytes(content)
-    with pytest.raises(PhotoError, match="is not an image|is empty|is cut off") as caught:
+    with pytest.raises(PhotoError, match=r"is not an image|is empty|is cut off") as caught:
         read_image(path)
     assert str(path) in str(caught.value)
 
