@@ -72,13 +72,12 @@ def test_resuming_from_lines_that_are_no_details(
 
 
 @pytest.mark.parametrize("backend", ["gl", "cpu"])
-def test_pictures_larger_than_memory(
+def test_pictures_that_are_too_large(
     backend: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["render", str(folder / "room.gsmap"), "--pose", format_pose(np.eye(4))]
     command += ["--camera", "PINHOLE,1000000,1000000,800000,800000,500000,500000"]
-    status = 3 if backend == "cpu" else 2  # OpenGL has limits of its own
-    check_refused([*command, "--backend", backend, "--output", str(tmp_path)], capsys, status)
+    check_refused([*command, "--backend", backend, "--output", str(tmp_path)], capsys)
 
 
 def test_names_longer_than_files_may_have(
