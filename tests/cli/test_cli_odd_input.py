@@ -33,8 +33,8 @@ def localize_list(folder: Path, output: str, *more: str) -> list[str]:
     ]
 
 
-def check_refused(command: list[str], capsys: pytest.CaptureFixture[str], status: int = 2) -> None:
-    assert main(command) == status
+def check_refused(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(command) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert len(err.splitlines()) == 1, err
