@@ -58,7 +58,7 @@ if [ -n "$splat" ]; then
     section "Render table" 90 "$python" tools/bench_render.py "$splat" --repeats 3
 fi
 if [ -n "$splat" ] && [ -d "${GSCPE_DATA:-}/redkitchen" ]; then
-    section "Photos" 120 "$python" tools/bench_easy.py "$splat" --queries 100
+    section "Photos" 120 "$python" tools/bench_easy.py "$splat" --queries 40
     section "Tracking" 60 "$python" tools/bench_tracking.py "$splat"
 fi
 printf '\n%s\n' "$([ $failed -eq 0 ] && echo 'All sections passed.' || echo "$failed sections FAILED.") $SECONDS s in all."
