@@ -13,7 +13,7 @@ from gscpe.batch.choose import choose_workers, make_crew
 from gscpe.batch.details import Detail, read_details
 from gscpe.batch.instructions import Instructions
 from gscpe.batch.one_writer import one_writer
-from gscpe.batch.record import Told, record
+from gscpe.batch.record import Told, keep_a_copy, record
 from gscpe.errors import OutputError
 from gscpe.given import parse_json, real_path
 from gscpe.output_file import write_file
@@ -48,7 +48,8 @@ def localize_to_files(
 ) -> tuple[list[Detail], str]:
     """The queries' details, in their order, and who worked.
 
-    Where it is interrupted, the poses of what is finished are written all the same.
+    Where it is interrupted, the poses of what is finished are written all the same. Pose files of
+    an earlier run that is not continued are kept, with the ending ``.bak``, as its details are.
 
     Args:
         instructions: of the workers.
@@ -76,6 +77,9 @@ def localize_to_files(
         make_crew(instructions, workers, scheduler, progress, len(queries)) as crew,
     ):
         _log.info("%s", crew.description)
+        if not (resume and read_details(files.details)):
+            for poses in _pose_files(files, instructions):
+                keep_a_copy(poses, stays=True)  # until the new poses replace it
         try:
             details = record(crew, queries, files.details, resume, progress, told)
             return details, crew.description
@@ -98,6 +102,13 @@ def _finished(path: Path, queries: Sequence[Query], instructions: Instructions) 
     details, marks = read_details(path), asdict(instructions.fingerprint)
     there = [details[query.name] for query in queries if query.name in details]
     return [detail for detail in there if detail.items() >= marks.items()]
+
+
+def _pose_files(files: ListFiles, instructions: Instructions) -> list[Path]:
+    given = [path for path in (files.final, files.coarse) if path is not None]
+    if instructions.shelf is None:
+        return given
+    return [map_path(path, name) for path in given for name in instructions.shelf.folders]
 
 
 def _write_of_each_map(

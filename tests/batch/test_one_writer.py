@@ -214,3 +214,23 @@ def test_never_more_processes_than_photos(
     for photos in (None, 0, 7):
         with pytest.raises(SettingsError, match="at least one worker"):
             make_crew(instructions, 0, photos=photos)
+
+
+def test_poses_of_an_earlier_run_are_kept_unless_it_is_continued(
+    tmp_path: Path, instructions: Instructions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where they are no poses of ours at all, such as the truth by mistake."""
+    files = ListFiles(tmp_path / "d.jsonl", tmp_path / "poses.txt", tmp_path / "coarse.txt")
+    crew = Finds(instructions.fingerprint)
+    monkeypatch.setattr("gscpe.batch.to_files.make_crew", lambda *_: crew)
+    poses, kept = tmp_path / "poses.txt", tmp_path / "poses.txt.bak"
+    for path in (poses, tmp_path / "coarse.txt"):
+        path.write_text("somebody's\n")
+    localize_to_files(instructions, QUERIES, files, 1, resume=True)  # there is nothing to continue
+    assert kept.read_text() == "somebody's\n"
+    localize_to_files(instructions, QUERIES, files, 1, resume=True)
+    assert kept.read_text() == "somebody's\n"
+    first = poses.read_text()
+    localize_to_files(instructions, QUERIES, files, 1)
+    assert kept.read_text() == first
+    assert (tmp_path / "coarse.txt.bak").read_text() == "somebody's\n"
