@@ -99,9 +99,10 @@ def _show(
         print_json(details)
     elif found.localized:
         print(details["cam_from_world"], flush=True)
-        if found.result is not None and found.result.covariance is not None:
+        result = found.result
+        if result is not None and result.covariance is not None:
             # Apart from the pose, which programs read.
-            deviations = deviations_text(found.result.covariance)
+            deviations = deviations_text(result.covariance, result.metres_per_unit)
             print(f"standard deviations: {deviations}", file=sys.stderr)
     else:
         print(f"{options.photo}: not localized: {found.reason}", file=sys.stderr)

@@ -17,6 +17,11 @@ from gscpe.render import RenderedView
 _DARK, _BRIGHT = 40, 250
 _SPARKS = 0.001  # share of the pixels that may be otherwise: sensor noise, reflections
 
+_BLACK = 10
+"""What is not brighter shows nothing: a photo with a twentieth of the light still shows more."""
+_MOST = 0.5
+_LONGER, _SHORTER = "expose it longer", "expose it for a shorter time"
+
 _OPAQUE = 0.9
 
 _DIM, _WELL_LIT = 150, 235
@@ -65,15 +70,22 @@ def _quantile(values: UInt8Array, share: float) -> float:
 
 
 def trouble_with_light(photo: Photo) -> str | None:
-    """Says that a photo is almost black or almost white; None where it is neither."""
+    """Says that a photo, or more than half of it, is almost black or almost white, and what to do;
+    None where it is neither."""
     seen = photo.rgb if photo.valid is None else photo.rgb[photo.valid]
     pixels = seen.reshape(-1, 3)
     if not len(pixels):
-        return "the whole photo is masked: nothing is left to match"
-    brightest = float(np.quantile(pixels.max(axis=1), 1.0 - _SPARKS, method="lower"))
-    darkest = float(np.quantile(pixels.min(axis=1), _SPARKS, method="higher"))
+        return "the whole photo is masked: give a mask that leaves something to match"
+    most, least = pixels.max(axis=1), pixels.min(axis=1)
+    brightest = float(np.quantile(most, 1.0 - _SPARKS, method="lower"))
+    darkest = float(np.quantile(least, _SPARKS, method="higher"))
     if brightest <= _DARK:
-        return f"the photo is almost black (brightest value {brightest:.0f} of 255)"
+        return f"the photo is almost black (brightest value {brightest:.0f} of 255): {_LONGER}"
     if darkest >= _BRIGHT:
-        return f"the photo is almost white (darkest value {darkest:.0f} of 255)"
+        return f"the photo is almost white (darkest value {darkest:.0f} of 255): {_SHORTER}"
+    dark, bright = float(np.mean(most <= _BLACK)), float(np.mean(least >= _BRIGHT))
+    if dark > _MOST:
+        return f"{dark:.0%} of the photo is black: {_LONGER}, or uncover the lens"
+    if bright > _MOST:
+        return f"{bright:.0%} of the photo is white: {_SHORTER}"
     return None

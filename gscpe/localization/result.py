@@ -21,7 +21,9 @@ from gscpe.localization.verification import focal_contradiction
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
 
-NO_FEATURES = "the photo has no features to recognize a place by"
+NO_FEATURES = (
+    "the photo has no features to recognize a place by: try one with more edges and texture in view"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,7 @@ class LocalizationResult:
         best: the attempt that the result comes from; None when there was nothing to start from.
         attempts: all attempts, in order.
         seconds: wall time by stage: features, retrieval, coarse, refinement, total.
+        metres_per_unit: length of a world unit in metres; None where it is not known.
     """
 
     localized: bool
@@ -53,6 +56,7 @@ class LocalizationResult:
     best: Attempt | None
     attempts: tuple[Attempt, ...]
     seconds: dict[str, float]
+    metres_per_unit: float | None = None
 
     @classmethod
     def of(
@@ -74,7 +78,10 @@ class LocalizationResult:
         """
         best = max(attempts, key=Attempt.rank, default=None)
         if best is None:
-            return cls(False, NO_FEATURES, None, None, camera, None, (), seconds)
+            return cls(
+                *(False, NO_FEATURES, None, None, camera, None, (), seconds),
+                metres_per_unit=frame.metres_per_unit,
+            )
         in_world = tuple(
             attempt_in_world(_unsure_of_camera(attempt, camera), frame) for attempt in attempts
         )
@@ -94,6 +101,7 @@ class LocalizationResult:
             best=in_world[attempts.index(best)],
             attempts=in_world,
             seconds=seconds,
+            metres_per_unit=frame.metres_per_unit,
         )
 
     def because(self, cause: str | None) -> LocalizationResult:
@@ -111,7 +119,7 @@ class LocalizationResult:
         if self.cam_from_world is not None:
             rows["qw qx qy qz tx ty tz"] = _pose_text(self.cam_from_world)
         if self.covariance is not None:
-            rows["standard deviations"] = deviations_text(self.covariance)
+            rows["standard deviations"] = deviations_text(self.covariance, self.metres_per_unit)
         if self.best is not None:
             rows["began at"] = f"{self.started_from} {self.reference or ''}".strip()
             rows["attempts"] = str(len(self.attempts))
@@ -156,12 +164,14 @@ class LocalizationResult:
         return None if self.best is None else self.best.start.reference
 
 
-def deviations_text(covariance: Float64Array) -> str:
-    """Standard deviations of a (6, 6) covariance, as text for people."""
+def deviations_text(covariance: Float64Array, metres_per_unit: float | None) -> str:
+    """Standard deviations of a (6, 6) covariance, as text for people: lengths in metres, or in
+    world units where the length of these is not known."""
     deviations = np.sqrt(np.diag(covariance))
-    lengths, degrees = deviations[:3], np.degrees(deviations[3:])
+    lengths, degrees = (metres_per_unit or 1.0) * deviations[:3], np.degrees(deviations[3:])
+    unit = "world units" if metres_per_unit is None else "m"
     return (
-        f"{' '.join(f'{x:.2g}' for x in lengths)} world units, "
+        f"{' '.join(f'{x:.2g}' for x in lengths)} {unit}, "
         f"{' '.join(f'{x:.2g}' for x in degrees)} degrees (x y z of the camera)"
     )
 

@@ -16,6 +16,20 @@ from gscpe.localization.starts import PosePrior
 from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
+from gscpe.scene.map_frame import TYPICAL_DEPTH
+
+MORE_IN_VIEW = (
+    "if it shows this place, try a photo with more of it in view, taken nearer to the map's "
+    "viewpoints"
+)
+"""What to do where matches are few, or cover little."""
+
+_CAMERA_OR_PLACE = (
+    "if it shows this place, check the camera's intrinsics and distortion, or make the map again "
+    "if the place has changed"
+)
+_HALF_A_TURN = 180.0
+_SURER_PRIOR = "give a larger --prior-sigma (PosePrior), or no prior"
 
 
 @dataclass(frozen=True)
@@ -104,16 +118,26 @@ def doubt_about_coarse(
 ) -> str | None:
     """Why the coarse pose cannot be trusted, or None."""
     if coarse.cam_from_world is None:
-        return f"no pose agrees with the {coarse.matches} matches between photo and map"
+        return (
+            f"no pose agrees with the {coarse.matches} matches between photo and map: "
+            f"{MORE_IN_VIEW}"
+        )
     if coarse.inliers < settings.min_inliers:
-        return f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed)"
+        return (
+            f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed): "
+            f"{MORE_IN_VIEW}"
+        )
     share = coarse.inliers / max(coarse.matches, 1)
     if share < settings.min_inlier_share:
-        return f"only {share:.0%} of the matches agree ({settings.min_inlier_share:.0%} needed)"
+        return (
+            f"only {share:.0%} of the matches agree ({settings.min_inlier_share:.0%} needed): "
+            f"{MORE_IN_VIEW}"
+        )
     spread = inlier_spread(coarse.inlier_pixels, camera)
     if spread < settings.min_spread:
         return (
-            f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} needed)"
+            f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} "
+            f"needed): {MORE_IN_VIEW}"
         )
     return _doubt_about_focal_length(coarse, camera, settings)
 
@@ -214,7 +238,7 @@ def doubt_about_aligned(
         return (
             "matches and image alignment contradict each other by "
             f"{frame.length_text(found.shift / aligned.tolerance_unit)} and "
-            f"{found.shift_degrees:.2f} degrees"
+            f"{found.shift_degrees:.2f} degrees: {_CAMERA_OR_PLACE}"
         )
     unit = aligned.tolerance_unit
     return _doubt_about_sigmas(found.sigma, found.sigma_degrees, unit, settings, frame)
@@ -227,7 +251,7 @@ def doubt_about_tracked(
     if aligned.cam_from_world is None or aligned.covariance is None:
         return aligned.reason or "the refinement failed"
     if not aligned.converged:
-        return "the alignment from the prior did not converge"
+        return f"the alignment from the prior did not converge: {_SURER_PRIOR}"
     doubt = _doubt_about_picture(aligned, settings.min_tracking_agreement, settings)
     if doubt is not None:
         return doubt
@@ -238,7 +262,7 @@ def doubt_about_tracked(
     ):
         return (
             f"the alignment moved away from the prior by {frame.length_text(shift.distance)} and "
-            f"{shift.degrees:.2f} degrees"
+            f"{shift.degrees:.2f} degrees: {_SURER_PRIOR}"
         )
     unit = aligned.tolerance_unit
     return _doubt_about_sigmas(*worst_sigmas(aligned.covariance, unit), unit, settings, frame)
@@ -248,11 +272,14 @@ def _doubt_about_picture(
     aligned: RefinementResult, min_agreement: float, settings: VerificationSettings
 ) -> str | None:
     if aligned.overlap < settings.min_overlap:
-        return f"only {aligned.overlap:.0%} of the photo shows the map"
+        return (
+            f"only {aligned.overlap:.0%} of the photo shows the map ({settings.min_overlap:.0%} "
+            f"needed): {MORE_IN_VIEW}"
+        )
     if not aligned.agreement >= min_agreement:  # also NaN: nothing to compare
         return (
             f"the map does not look like the photo at the estimated pose (correlation "
-            f"{aligned.agreement:.2f}, {min_agreement:.2f} needed)"
+            f"{aligned.agreement:.2f}, {min_agreement:.2f} needed): {_CAMERA_OR_PLACE}"
         )
     return None
 
@@ -277,9 +304,27 @@ def _doubt_about_sigmas(
     settings: VerificationSettings,
     frame: MapFrame,
 ) -> str | None:
-    if metres > settings.max_sigma or degrees > settings.max_sigma_degrees:
-        return (
-            "the photo does not determine the pose: standard deviations of "
-            f"{frame.length_text(metres / tolerance_unit)} and {degrees:.2f} degrees"
-        )
-    return None
+    if metres <= settings.max_sigma and degrees <= settings.max_sigma_degrees:
+        return None
+    sigmas = sigmas_text(metres, degrees, tolerance_unit, frame)
+    return (
+        f"the photo does not determine the pose ({sigmas}): try one with more edges and texture "
+        "in view, in more than one direction"
+    )
+
+
+def sigmas_text(metres: float, degrees: float, tolerance_unit: float, frame: MapFrame) -> str:
+    """Standard deviations of a pose in the worst direction, for people. Those that are as long as
+    the view is deep, or half a turn, are of a linear model far beyond where it holds: it only says
+    that nothing is known, not how little.
+
+    Args:
+        metres, degrees: see :func:`worst_sigmas`.
+        tolerance_unit: of the pose, with respect to the map.
+        frame: of the map.
+    """
+    length = frame.length_text(min(metres, TYPICAL_DEPTH) / tolerance_unit)
+    return (
+        f"standard deviations of {'more than ' if metres > TYPICAL_DEPTH else ''}{length} and "
+        f"{'more than 180' if degrees > _HALF_A_TURN else f'{degrees:.2f}'} degrees"
+    )

@@ -82,7 +82,7 @@ class Check:
             self._due = index + max(1, self._trust.check_frames // _SOONER)
             if self._unconfirmed <= self._trust.max_unconfirmed:
                 return None
-            return f"matches with the map do not confirm the pose: {checked.attempt.doubt}"
+            return f"matches with the map do not confirm the pose ({checked.attempt.doubt})"
         self._unconfirmed = 0
         return _contradiction(checked, self._localizer)
 

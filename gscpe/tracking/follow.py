@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
-from gscpe.localization.verification import worst_sigmas
+from gscpe.localization.verification import sigmas_text, worst_sigmas
 from gscpe.refinement import Alignment
 from gscpe.refinement.agreement import BlockAgreement, block_agreement
 from gscpe.refinement.levels import TurnedStarts, align_levels
@@ -184,8 +184,5 @@ def doubt_about_sigmas(
     metres, degrees = worst_sigmas(covariance, anchor.tolerance_unit)
     if metres <= trust.max_sigma and degrees <= trust.max_sigma_degrees:
         return None
-    length = frame.length_text(metres / anchor.tolerance_unit * frame.scale)
-    return (
-        "the frame does not determine the pose: standard deviations of "
-        f"{length} and {degrees:.2f} degrees"
-    )
+    unit = anchor.tolerance_unit / frame.scale
+    return f"the frame does not determine the pose ({sigmas_text(metres, degrees, unit, frame)})"

@@ -168,7 +168,7 @@ def test_an_unknown_camera_of_nowhere(folder: Path, capsys: pytest.CaptureFixtur
     assert line.startswith(
         f"{photo}: not localized: the camera's focal length cannot be estimated: "
     )
-    assert line.endswith("the photo is almost black (brightest value 9 of 255)")
+    assert line.endswith("the photo is almost black (brightest value 9 of 255): expose it longer")
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])

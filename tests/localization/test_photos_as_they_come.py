@@ -68,6 +68,13 @@ def test_a_fisheye_photo(text: str, localizer: Localizer) -> None:
     assert error.degrees < 0.2
 
 
+def _spoilt(photo: NDArray[np.uint8], share: float, value: int) -> NDArray[np.uint8]:
+    """A photo that shows something in its lowest rows only."""
+    spoilt = photo.copy()
+    spoilt[: round(share * len(photo))] = value
+    return spoilt
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -75,6 +82,8 @@ def test_a_fisheye_photo(text: str, localizer: Localizer) -> None:
         (lambda p: p * 0, r"almost black \(brightest value 0 of 255\)"),
         (lambda p: 252 + p // 100, r"almost white \(darkest value 252 of 255\)"),
         (lambda p: np.dstack([p, p[:, :, :1] * 0]), "whole photo is masked"),
+        (lambda p: _spoilt(p, 0.9, 3), r"9[01]% of the photo is black: expose it longer"),
+        (lambda p: _spoilt(p, 0.9, 255), r"9[01]% of the photo is white: expose it for a shorter"),
     ],
 )
 def test_the_reason_is_the_light(
@@ -97,5 +106,6 @@ def test_the_reason_is_the_light(
 def test_ordinary_reasons_stay(localizer: Localizer) -> None:
     grey = np.full((180, 240, 3), 120, np.uint8)
     assert localizer.localize(grey, CAMERA).reason == (
-        "the photo has no features to recognize a place by"
+        "the photo has no features to recognize a place by: try one with more edges and texture "
+        "in view"
     )

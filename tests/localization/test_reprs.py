@@ -86,9 +86,19 @@ def test_a_result_says_pose_and_deviations(result: LocalizationResult) -> None:
     largest = np.sqrt(np.diag(result.covariance))
     text = repr(result)
     assert text.startswith("LocalizationResult: localized\n")
-    assert f"{largest[0]:.2g} {largest[1]:.2g} {largest[2]:.2g} world units" in text
+    assert f"{largest[0]:.2g} {largest[1]:.2g} {largest[2]:.2g} m, " in text
     assert f"{np.degrees(largest[5]):.2g} degrees" in text
     assert result.reference is not None and result.reference in text
+
+
+def test_deviations_are_in_metres_where_the_unit_is_known(result: LocalizationResult) -> None:
+    assert result.covariance is not None
+    first = np.sqrt(result.covariance[0, 0])
+    for metres, text in ((1.0, "m"), (0.01, "m"), (None, "world units")):
+        shown = repr(replace(result, metres_per_unit=metres))
+        (line,) = [line for line in shown.splitlines() if "standard deviations" in line]
+        assert f"deviations: {(metres or 1.0) * first:.2g} " in line
+        assert f" {text}, " in line
 
 
 def test_a_refused_photo_says_why_and_is_escaped() -> None:

@@ -22,6 +22,7 @@ from gscpe.localization.verification import (
     doubt_about_coarse,
     doubt_about_tracked,
     inlier_spread,
+    sigmas_text,
 )
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
@@ -177,6 +178,35 @@ def test_a_pose_that_is_not_determined_is_doubted(
     by_both = doubt_about_aligned(unsure, aligned, CAMERA, SETTINGS, FUSION, FRAME)
     for doubt in (by_both, tracked_doubt(**changes)):
         assert (doubt is not None and "does not determine the pose" in doubt) == doubted
+
+
+def test_deviations_beyond_all_measure_are_capped() -> None:
+    """A linear model says 705 degrees of what it does not know at all; NaN is no permission."""
+    for deviation, metres, words in (
+        (0.2, 1.0, "of 0.2 m and 11.46 degrees"),
+        (12.3, 1.0, "of more than 2 m and more than 180 degrees"),
+        (12.3, 0.5, "of more than 2 m and more than 180 degrees"),
+        (np.inf, None, "of more than 1 units and more than 180 degrees"),
+    ):
+        frame = MapFrame(scale=metres or 2.0, metres_per_unit=metres)
+        text = sigmas_text(deviation, float(np.degrees(deviation)), 1.0, frame)
+        assert text == f"standard deviations {words}"
+    doubt = tracked_doubt(covariance=150.0 * np.eye(6), tolerance_unit=0.5)
+    assert doubt is not None and "more than 4 m and more than 180 degrees" in doubt
+
+
+def test_every_doubt_names_a_next_step() -> None:
+    far = se3.exp([0.5, 0, 0, 0, 0, 0])
+    for doubt in (
+        *(coarse_doubt(cam_from_world=None), coarse_doubt(inliers=3), coarse_doubt(matches=640)),
+        *(coarse_doubt(inlier_pixels=GRID[:1].astype(float)), aligned_doubt(overlap=0.1)),
+        *(aligned_doubt(agreement=0.1), aligned_doubt(cam_from_world=far)),
+        *(tracked_doubt(converged=False), tracked_doubt(cam_from_world=far)),
+        tracked_doubt(covariance=np.eye(6)),
+    ):
+        assert doubt is not None
+        step = doubt.rpartition(": ")[2]
+        assert any(word in step for word in ("try ", "check ", "give ")), doubt
 
 
 @pytest.mark.parametrize(

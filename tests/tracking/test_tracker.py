@@ -250,4 +250,4 @@ def test_matches_that_fail_again_and_again_end_it_too(
         monkeypatch.setattr(Localizer, "match_at", lambda *_: unsure)
         result = until_lost(tracker, 4)
         assert result.reason is not None
-        assert "do not confirm the pose: only 3 matches" in result.reason
+        assert "do not confirm the pose (only 3 matches" in result.reason
