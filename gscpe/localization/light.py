@@ -12,12 +12,12 @@ from gscpe.coarse import LikePhoto
 from gscpe.photos import Photo
 from gscpe.photos.photo import brightest_channel
 from gscpe.refinement.exposure import ClippingSettings, clipped_share, expose, fit_exposure
+from gscpe.refinement.visibility import OPAQUE
 from gscpe.render import RenderedView
 
 _DARK, _BRIGHT = 40, 250
 _SPARKS = 0.001  # share of the pixels that may be otherwise: sensor noise, reflections
 
-_OPAQUE = 0.9
 
 _DIM, _WELL_LIT = 150, 235
 """What is brightest in a photo that is brightened, at most; and what it becomes."""
@@ -47,7 +47,7 @@ def exposed_like(photo: Photo, settings: ClippingSettings) -> LikePhoto | None:
         return None
 
     def like_photo(view: RenderedView) -> Float32Array:
-        shown = view.opacity >= _OPAQUE
+        shown = view.opacity >= OPAQUE
         if photo.valid is not None:
             shown = shown & photo.valid
         exposure = fit_exposure(view.rgb, photo.rgb, shown, settings)

@@ -27,9 +27,10 @@ from gscpe.report.cards import card_id, query_card
 from gscpe.report.curves import Curves, cumulative_curves
 from gscpe.report.encode import data_uris
 from gscpe.report.query_pictures import draw_query
-from gscpe.report.selection import select_queries
+from gscpe.report.selection import Shown, select_queries
 from gscpe.report.settings import ReportSettings
 from gscpe.report.top_view import top_view
+from gscpe.scene import Map
 
 _STAGES: tuple[Stage, ...] = ("coarse", "aligned", "final")
 _MARKED = {"worst", "slowest"}
@@ -69,24 +70,8 @@ def write_report(
         for item in tqdm(shown, desc="drawing queries", disable=not (progress and sys.stderr))
     ]
     names = [str(run.details[item.index]["name"]) for item in shown]
-    links = {n: f"#{card_id(item.index)}" for n, item in zip(names, shown, strict=True)}
-    fixed = {
-        "run": run,
-        "setup": dict(run.setup) | ({"date": settings.date} if settings.date else {}),
-        "tiles": _tiles(run),
-        "accuracy": accuracy_tables([run]),
-        "curves": _curves(run, errors),
-        "known": _known_queries(run),
-        "truth": next(iter(run.truths), ""),
-        "above": top_view(run, localizer.map, settings, links),
-        "times": stage_times_table(run.details),
-        "queries": query_table(run),
-        "links": links,
-        "marks": {
-            name: [kind for kind in item.kinds if kind in _MARKED]
-            for name, item in zip(names, shown, strict=True)
-        },
-    }
+    by_name = dict(zip(names, shown, strict=True))
+    rest = _without_cards(run, errors, localizer.map, by_name, settings)
 
     def page(uris: Sequence[str]) -> str:
         """With these URIs of all pictures in turn."""
@@ -103,12 +88,39 @@ def write_report(
             )
             for name, item, pictures in zip(names, shown, drawn, strict=True)
         ]
-        return _fill_template({**fixed, "cards": cards})
+        return _fill_template({**rest, "cards": cards})
 
     flat = [picture for item in drawn for picture in item.pictures.values()]
     without_pictures = len(page([""] * len(flat)))
     text = page(data_uris(flat, settings.quality, settings.max_bytes - without_pictures))
     write_file(path, text.encode("utf-8", "replace"))
+
+
+def _without_cards(
+    run: SceneRun,
+    errors: Mapping[Stage, Mapping[str, PoseDifference]],
+    map_: Map,
+    shown: Mapping[str, Shown],
+    settings: ReportSettings,
+) -> dict[str, Any]:
+    """What the template is filled with, but for the cards of the queries that are shown."""
+    links = {name: f"#{card_id(item.index)}" for name, item in shown.items()}
+    return {
+        "run": run,
+        "setup": dict(run.setup) | ({"date": settings.date} if settings.date else {}),
+        "tiles": _tiles(run),
+        "accuracy": accuracy_tables([run]),
+        "curves": _curves(run, errors),
+        "known": _known_queries(run),
+        "truth": next(iter(run.truths), ""),
+        "above": top_view(run, map_, settings, links),
+        "times": stage_times_table(run.details),
+        "queries": query_table(run),
+        "links": links,
+        "marks": {
+            name: [kind for kind in item.kinds if kind in _MARKED] for name, item in shown.items()
+        },
+    }
 
 
 def _fill_template(values: Mapping[str, Any]) -> str:

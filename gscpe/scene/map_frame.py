@@ -21,6 +21,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry.projection import transform_points
+from gscpe.geometry.spread import evenly_spread
 from gscpe.scene.references import References
 from gscpe.splats.gaussians import NEAR, GaussianScene
 
@@ -131,13 +132,11 @@ def typical_depth(scene: GaussianScene, references: References) -> float:
     Gaussians hide each other, so that this is more than the depth of what is seen; it is meant
     for tolerances, not for measuring.
     """
-    count = len(references)
-    chosen = np.unique(np.linspace(0, max(count - 1, 0), _VIEWS).astype(int))[: min(count, _VIEWS)]
     depths = []
     step = max(1, len(scene) // 50_000)
     solid = np.flatnonzero(scene.opacities[::step] >= 0.5) * step
     means = scene.means[solid if len(solid) else slice(None, None, step)].astype(np.float64)
-    for index in chosen:
+    for index in evenly_spread(len(references), _VIEWS):
         camera = references.cameras[index]
         cam_from_scene = references.cam_from_world[index].copy()
         cam_from_scene[:3, 3] += cam_from_scene[:3, :3] @ scene.origin
