@@ -230,8 +230,8 @@ class Localizer(Closing):
             return self._unknown_cameras.estimate(image, guess)
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
-        """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
-        are with respect to the world."""
+        """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. The pose,
+        (4, 4), and depths are with respect to the world."""
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
         if self._closed:
             raise ClosedError("this localizer is closed")

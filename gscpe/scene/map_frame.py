@@ -74,7 +74,8 @@ class MapFrame:
         return moved
 
     def cam_from_world(self, cam_from_map: Float64Array) -> Float64Array:
-        """The inverse of :meth:`cam_from_map`."""
+        """The inverse of :meth:`cam_from_map`: a pose, (4, 4) or (N, 4, 4), with respect to the
+        world; its translation in world units."""
         moved = np.array(cam_from_map, dtype=np.float64)
         moved[..., :3, 3] = moved[..., :3, 3] / self.scale - moved[..., :3, :3] @ self.origin
         return moved
