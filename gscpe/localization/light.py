@@ -17,8 +17,6 @@ from gscpe.render import RenderedView
 
 _DARK, _BRIGHT = 40, 250
 _SPARKS = 0.001  # share of the pixels that may be otherwise: sensor noise, reflections
-
-
 _DIM, _WELL_LIT = 150, 235
 """What is brightest in a photo that is brightened, at most; and what it becomes."""
 

@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import sys
 from importlib import resources
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 import numpy as np
-from markupsafe import Markup
 from tqdm import tqdm
 
 from gscpe.evaluation import SceneRun, Stage
@@ -26,6 +23,7 @@ from gscpe.output_file import write_file
 from gscpe.report.cards import card_id, query_card
 from gscpe.report.curves import Curves, cumulative_curves
 from gscpe.report.encode import data_uris
+from gscpe.report.one_file import filled_page
 from gscpe.report.query_pictures import draw_query
 from gscpe.report.selection import Shown, select_queries
 from gscpe.report.settings import ReportSettings
@@ -124,38 +122,11 @@ def _without_cards(
 
 
 def _fill_template(values: Mapping[str, Any]) -> str:
-    from jinja2 import Environment, StrictUndefined
-
     template, style, script = (
         resources.files("gscpe.report").joinpath(name).read_text(encoding="utf-8")
         for name in ("page.html.jinja", "page.css", "page.js")
     )
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    filled = environment.from_string(template).render(
-        values,
-        style=Markup(style),
-        script=Markup(script),
-        policy=_policy(style, script),
-    )
-    return filled.lstrip()
-
-
-def _policy(style: str, script: str) -> str:
-    """Nothing is loaded, and nothing runs but the two that the page was written with."""
-    style_hash, script_hash = (
-        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        for text in (style, script)
-    )
-    return (
-        f"default-src 'none'; img-src data:; style-src 'sha256-{style_hash}'; "
-        f"script-src 'sha256-{script_hash}'; base-uri 'none'; form-action 'none'"
-    )
+    return filled_page(template, values, style, script)
 
 
 def _known_queries(run: SceneRun) -> int:
