@@ -145,6 +145,8 @@ if TYPE_CHECKING:
     from gscpe.sequences import Frame as Frame
     from gscpe.sequences import Frames as Frames
     from gscpe.sequences import open_frames as open_frames
+    from gscpe.sequences import read_ros_camera as read_ros_camera
+    from gscpe.sequences import read_ros_image as read_ros_image
     from gscpe.service import Client as Client
     from gscpe.tracking import Motion as Motion
     from gscpe.tracking import Tracker as Tracker
@@ -170,7 +172,9 @@ else:
             *("read_lengths", "reconstruct", "refine_known_poses"),
         ),
         "gscpe.report": ("ReportSettings", "ShownResult", "show"),
-        "gscpe.sequences": ("Frame", "Frames", "open_frames"),
+        "gscpe.sequences": (
+            *("Frame", "Frames", "open_frames", "read_ros_camera", "read_ros_image"),
+        ),
         "gscpe.service": ("Client",),
         "gscpe.tracking": (
             *("Motion", "Tracker", "TrackingResult", "TrackingSettings", "TrustSettings"),
@@ -322,6 +326,8 @@ __all__ = [
     "read_pose_file",
     "read_query_list",
     "read_rgbd_folder",
+    "read_ros_camera",
+    "read_ros_image",
     "read_seven_scenes",
     "read_splat",
     "read_transform",

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-pytest_plugins = ("service_fixtures",)
+pytest_plugins = ("service_fixtures", "tracking_fixtures")
 
 # Reproducible, and no failure because a shared machine was slow for a moment.
 settings.register_profile("gscpe", deadline=None, derandomize=True, database=None, max_examples=50)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gscpe.errors import MapError
 from gscpe.geometry import Camera
-from gscpe.scene import GlobalDescriptors, Map, References
+from gscpe.scene import GlobalDescriptors, Map, References, open_map
 from gscpe.splats import GaussianScene
 
 
@@ -217,3 +218,23 @@ def assert_same_map(a: Map, b: Map) -> None:
     np.testing.assert_array_equal(a.references.cam_from_world, b.references.cam_from_world)
     np.testing.assert_array_equal(a.descriptors.vocabulary, b.descriptors.vocabulary)
     np.testing.assert_array_equal(a.descriptors.descriptors, b.descriptors.descriptors)
+
+
+def check_one_wrong_byte(
+    path: Path, count: int, assert_same: Callable[[Map], None], seed: int = 3
+) -> None:
+    """Changes bytes of a file of a map's folder, one at a time: that is noticed, or, in
+    ``map.json``, it makes no difference."""
+    data = path.read_bytes()
+    rng = np.random.default_rng(seed)
+    for offset in rng.integers(0, len(data), count):
+        damaged = bytearray(data)
+        damaged[offset] ^= rng.integers(1, 256)
+        path.write_bytes(damaged)
+        try:
+            opened = open_map(path.parent)
+        except MapError as error:
+            assert str(path.parent) in str(error)
+        else:
+            assert path.name == "map.json", f"byte {offset} of {path.name} went unnoticed"
+            assert_same(opened)

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import Map, Tracker, TrackingResult, pose_difference
+from gscpe import Map, Tracker, TrackingResult, TrackingSettings, pose_difference
 from gscpe.evaluation import normalized_error_squared
 from gscpe.geometry import se3
 
 CAMERA = room_camera(240, 180)
+WAITS = TrackingSettings(wait=True)
 TWIST = np.array([0.008, -0.003, 0.004, 0.002, 0.006, 0.003])
 """From frame to frame: about 1 cm and half a degree, 2 pixels."""
 

@@ -16,6 +16,7 @@ from tqdm import tqdm
 from gscpe import Localizer, read_image
 from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.geometry import pose_difference
+from gscpe.geometry.spread import thinned
 from gscpe.photos import Photo, to_photo
 from gscpe.poses import read_pose_file
 from gscpe.scene.query_list import Query, read_query_list
@@ -59,7 +60,7 @@ def redkitchen() -> Path:
 def read_queries(data: Path, count: int) -> list[Query]:
     """So many queries, evenly spaced."""
     listed = read_query_list(data / "queries.txt")
-    return [listed[i] for i in np.linspace(0, len(listed) - 1, min(count, len(listed))).astype(int)]
+    return thinned(listed, count)
 
 
 def read_cases(data: Path, count: int) -> list[Case]:

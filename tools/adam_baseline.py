@@ -24,9 +24,9 @@ from gscpe.arrays import BoolArray, Float32Array, Float64Array
 from gscpe.geometry import pose_difference, se3
 from gscpe.photos import Photo, luminance
 from gscpe.refinement import RefinementObserver, RefinementSettings
-from gscpe.refinement.lucas_kanade import Template, build_template, warp
 from gscpe.refinement.pyramid import ImageLevel, anchor_pyramid, photo_pyramid
 from gscpe.refinement.sampling import corners
+from gscpe.refinement.template import Template, build_template, warp
 from gscpe.refinement.visibility import visibility_mask
 from gscpe.render import Renders
 

@@ -35,6 +35,7 @@ from gscpe import GaussianScene, Renderer, read_splat
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 from gscpe.geometry.projection import pixel_centres, transform_points, unproject
+from gscpe.geometry.spread import evenly_spread
 from gscpe.photos import Photo, read_image, to_photo
 from gscpe.poses.hloc import read_poses
 from gscpe.render.kernel_threads import KernelThreads
@@ -92,7 +93,7 @@ def show_likeness(scene: GaussianScene, data: Path, every: int) -> None:
 def show_times(scene: GaussianScene, data: Path, rounds: int, points: int) -> None:
     """Milliseconds and ratios, by size of the photos and degree of the colours."""
     references = read_colmap_references(data / "sparse" / "0", data / "references")
-    chosen = np.linspace(0, len(references) - 1, PHOTOS).astype(int)
+    chosen = evenly_spread(len(references), PHOTOS)
     photos = [
         to_photo(read_image(data / "references" / references.names[i]), references.cameras[i])
         for i in chosen

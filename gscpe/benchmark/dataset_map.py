@@ -68,7 +68,9 @@ def ensure_map(
     map_settings = MapSettings(
         retrieval=settings.retrieval, metres_per_unit=dataset.metres_per_unit
     )
-    map_ = build_map(scene, dataset.references, dataset.image_folder, map_settings, progress)
+    map_ = build_map(
+        scene, dataset.references, dataset.image_folder, map_settings, progress=progress
+    )
     try:
         note.unlink(missing_ok=True)
         save_map(map_, folder)

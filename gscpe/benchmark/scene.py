@@ -9,8 +9,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Sequence
 
-import numpy as np
-
 from gscpe.batch import (
     Detail,
     Instructions,
@@ -23,6 +21,7 @@ from gscpe.benchmark.settings import BenchmarkSettings
 from gscpe.cores import available_cores
 from gscpe.datasets import Dataset
 from gscpe.evaluation import SceneRun
+from gscpe.geometry.spread import thinned
 from gscpe.localization import Localizer, LocalizerSettings
 from gscpe.matching import make_matcher, matcher_name
 from gscpe.poses import write_pose_file
@@ -61,6 +60,7 @@ def benchmark_scene(
     splat: str | Path,
     output: str | Path,
     settings: BenchmarkSettings | None = None,
+    *,
     progress: bool = False,
 ) -> SceneRun:
     """Localizes the queries of a data set in a splat of its references.
@@ -113,10 +113,7 @@ def benchmark_scene(
 
 def chosen_queries(dataset: Dataset, limit: int | None) -> tuple[Query, ...]:
     """All queries, or so many of them, evenly spread."""
-    if limit is None or limit >= len(dataset.queries):
-        return dataset.queries
-    chosen = np.linspace(0, len(dataset.queries) - 1, limit).round().astype(int)
-    return tuple(dataset.queries[index] for index in np.unique(chosen))
+    return dataset.queries if limit is None else tuple(thinned(dataset.queries, limit))
 
 
 def localize_queries(

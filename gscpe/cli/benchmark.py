@@ -107,7 +107,9 @@ def run(options: argparse.Namespace) -> int:
     for scene in scenes:
         dataset = scene.dataset
         _log.info("%s %s", dataset.name, dataset.scene)
-        done = benchmark_scene(dataset, scene.splat, scene.output, settings, show_progress())
+        done = benchmark_scene(
+            dataset, scene.splat, scene.output, settings, progress=show_progress()
+        )
         runs.append(done)
         if options.ablation:
             paths = ScenePaths(scene.output)

@@ -44,32 +44,7 @@ def add_parser(commands: Commands) -> None:
         "--colmap", metavar="MODEL_DIR", help="COLMAP model of the photos, in the splat's frame"
     )
     parser.add_argument("--images", metavar="IMAGE_DIR", help="the model's photos")
-    alone = parser.add_mutually_exclusive_group()
-    alone.add_argument(
-        "--virtual-references",
-        action="store_true",
-        help="a splat alone, without photos: places are recognized by renders from viewpoints that "
-        "are found in its free space",
-    )
-    parser.add_argument(
-        "--up",
-        type=_direction,
-        metavar="X,Y,Z",
-        help="with --virtual-references: the direction that is up in the splat (default: found); "
-        "write --up=-1,0,0 where it begins with a minus",
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="CAMERA",
-        help="with --virtual-references: pinhole camera of the renders, best that of the photos "
-        "that the splat was trained on (default: "
-        f"{ViewpointSettings().camera.colmap_text().replace(' ', ',')})",
-    )
-    alone.add_argument(
-        "--no-references",
-        action="store_true",
-        help="a splat alone, without photos: every query then needs a prior pose",
-    )
+    _add_alone(parser)
     parser.add_argument("--output", required=True, metavar="MAP", help="map folder to write")
     scale = parser.add_mutually_exclusive_group()
     scale.add_argument(
@@ -100,6 +75,36 @@ def add_parser(commands: Commands) -> None:
     )
     add_backend(parser)
     parser.set_defaults(run=run, parser=parser)
+
+
+def _add_alone(parser: argparse.ArgumentParser) -> None:
+    """What is done with a splat that has no photos."""
+    alone = parser.add_mutually_exclusive_group()
+    alone.add_argument(
+        "--virtual-references",
+        action="store_true",
+        help="a splat alone, without photos: places are recognized by renders from viewpoints that "
+        "are found in its free space",
+    )
+    parser.add_argument(
+        "--up",
+        type=_direction,
+        metavar="X,Y,Z",
+        help="with --virtual-references: the direction that is up in the splat (default: found); "
+        "write --up=-1,0,0 where it begins with a minus",
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="CAMERA",
+        help="with --virtual-references: pinhole camera of the renders, best that of the photos "
+        "that the splat was trained on (default: "
+        f"{ViewpointSettings().camera.colmap_text().replace(' ', ',')})",
+    )
+    alone.add_argument(
+        "--no-references",
+        action="store_true",
+        help="a splat alone, without photos: every query then needs a prior pose",
+    )
 
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:

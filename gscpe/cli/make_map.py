@@ -59,11 +59,11 @@ def run(options: argparse.Namespace) -> int:
             settings,
             ScaleSource.parse(options.scale_from),
             options.masks,
-            options.resume,
-            options.backend,
-            show_progress(),
-            _placed,
-            refinement,
+            resume=options.resume,
+            backend=options.backend,
+            progress=show_progress(),
+            reconstructed=_placed,
+            refinement=refinement,
         )
     except KeyboardInterrupt:
         work = work_folder_of(options.output)

@@ -98,16 +98,18 @@ def _reconstruct(options: argparse.Namespace) -> Reconstruction:
 
     known, settings = known_poses(options), reconstruction_settings(options)
     scale = ScaleSource.parse(options.scale_from)
-    masks, resume = options.masks, options.resume
+    masks, resume, progress = options.masks, options.resume, show_progress()
     if known is None:
         return reconstruct(
-            options.source, options.output, settings, scale, masks, resume, show_progress()
+            *(options.source, options.output, settings, scale, masks),
+            resume=resume,
+            progress=progress,
         )
     if scale.kind != "unknown":
         raise SettingsError("known poses have a scale: give --metres-per-unit, and no --scale-from")
     refinement = refinement_settings(options)
     return refine_known_poses(
-        known, options.output, settings, refinement, masks, resume, show_progress()
+        *(known, options.output, settings, refinement, masks), resume=resume, progress=progress
     )
 
 

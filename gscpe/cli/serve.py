@@ -41,6 +41,13 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument("--certificate", metavar="FILE", help="for https, with --key")
     parser.add_argument("--key", metavar="FILE", help="of the certificate")
+    _add_limits(parser)
+    add_localizing(parser)
+    parser.set_defaults(run=run, parser=parser)
+
+
+def _add_limits(parser: argparse.ArgumentParser) -> None:
+    """How much is done at a time, and how much a request may ask for."""
     parser.add_argument(
         "--workers",
         metavar="N",
@@ -92,8 +99,6 @@ def add_parser(commands: Commands) -> None:
         help="cameras that are followed at a time, a process each "
         f"(default: {Limits.trackers}; 0: none)",
     )
-    add_localizing(parser)
-    parser.set_defaults(run=run, parser=parser)
 
 
 def run(options: argparse.Namespace) -> int:

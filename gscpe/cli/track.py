@@ -126,7 +126,7 @@ def run(options: argparse.Namespace) -> int:
     odometry = _odometry(options)
     frames = _frames(options)
     wait = not (options.realtime or frames.live)
-    settings = TrackingSettings.fast(wait) if options.fast else TrackingSettings(wait)
+    settings = TrackingSettings.fast(wait=wait) if options.fast else TrackingSettings(wait)
     tally = Tally()
     with ExitStack() as stack:
         localizer = stack.enter_context(

@@ -102,9 +102,9 @@ def run(options: argparse.Namespace) -> int:
                 settings,
                 options.max_size,
                 options.test_every,
-                options.resume,
-                bar,
-                options.masks,
+                resume=options.resume,
+                progress=bar,
+                masks=options.masks,
             )
     except KeyboardInterrupt:
         checkpoint = checkpoint_of(Path(options.output))

@@ -18,6 +18,7 @@ from gscpe.arrays import Float64Array
 from gscpe.geometry.alignment import umeyama
 from gscpe.geometry.pose_error import camera_centres
 from gscpe.geometry.similarity_transform import Similarity
+from gscpe.geometry.spread import evenly_spread
 
 Convention = Literal["inverted", "quaternion", "opengl"]
 
@@ -124,7 +125,7 @@ def _fit(poses: Float64Array, target: Float64Array, with_scale: bool) -> Similar
     """
     a, b = camera_centres(poses), camera_centres(target)
     turns = np.swapaxes(target[:, :3, :3], 1, 2) @ poses[:, :3, :3]
-    votes = turns[np.unique(np.linspace(0, len(turns) - 1, _VOTES).astype(int))]
+    votes = turns[evenly_spread(len(turns), _VOTES)]
     # |R - S|_F grows with the angle between two rotations.
     apart = [np.median(np.linalg.norm(turns - vote, axis=(1, 2))) for vote in votes]
     rotation = votes[int(np.argmin(apart))]

@@ -45,8 +45,12 @@ def farthest_first(
     return chosen
 
 
+def evenly_spread(count: int, most: int) -> list[int]:
+    """At most so many different indices of ``count`` things, in order; the first and the last are
+    among them, or the first alone where only one is wanted."""
+    return [int(i) for i in np.rint(np.linspace(0, count - 1, min(count, most)))]
+
+
 def thinned(items: Sequence[_T], most: int) -> list[_T]:
-    """At most so many, evenly spread, the first and the last among them."""
-    if len(items) <= most:
-        return list(items)
-    return [items[i] for i in np.rint(np.linspace(0, len(items) - 1, most)).astype(int)]
+    """At most so many of them, evenly spread, as :func:`evenly_spread` chooses."""
+    return [items[i] for i in evenly_spread(len(items), most)]

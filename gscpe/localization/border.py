@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from gscpe.arrays import Float64Array
-from gscpe.coarse import CoarseResult
+from gscpe.arrays import BoolArray, Float64Array
+from gscpe.coarse import AbsolutePose, CoarseResult
 from gscpe.localization.attempt import Attempt
+from gscpe.localization.observer import Observer
 from gscpe.localization.starts import PosePrior
-from gscpe.refinement import RefinementResult
+from gscpe.matching import Matches
+from gscpe.refinement import Alignment, RefinementResult
 from gscpe.render import RenderedView
 from gscpe.scene import MapFrame
 
@@ -81,3 +83,48 @@ def view_in_world(view: RenderedView, frame: MapFrame) -> RenderedView:
         depth_variance=view.depth_variance / scale**2,
         cam_from_world=frame.cam_from_world(view.cam_from_world),
     )
+
+
+class InWorld(Observer):
+    """Tells an observer what is done in the map's frame with respect to the world.
+
+    Args:
+        observer: of the caller.
+        frame: of the map.
+    """
+
+    def __init__(self, observer: Observer, frame: MapFrame) -> None:
+        self._observer, self._frame = observer, frame
+
+    def round_done(
+        self, view: RenderedView, matches: Matches, estimate: AbsolutePose | None
+    ) -> None:
+        if estimate is not None:
+            estimate = replace(
+                estimate,
+                cam_from_world=self._frame.cam_from_world(estimate.cam_from_world),
+                covariance=self._frame.world_covariance(estimate.covariance),
+            )
+        self._observer.round_done(view_in_world(view, self._frame), matches, estimate)
+
+    def anchor_rendered(self, view: RenderedView) -> None:
+        self._observer.anchor_rendered(view_in_world(view, self._frame))
+
+    def mask_made(self, mask: BoolArray) -> None:
+        self._observer.mask_made(mask)
+
+    def iterated(self, photo_from_anchor: Float64Array) -> None:
+        self._observer.iterated(self._motion(photo_from_anchor))
+
+    def anchor_aligned(self, alignment: Alignment) -> None:
+        motion = self._motion(alignment.photo_from_anchor)
+        self._observer.anchor_aligned(replace(alignment, photo_from_anchor=motion))
+
+    def attempted(self, attempt: Attempt) -> None:
+        self._observer.attempted(attempt_in_world(attempt, self._frame))
+
+    def _motion(self, photo_from_anchor: Float64Array) -> Float64Array:
+        """Between two cameras: the origin does not matter to it."""
+        moved = photo_from_anchor.copy()
+        moved[:3, 3] /= self._frame.scale
+        return moved

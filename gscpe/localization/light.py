@@ -12,6 +12,7 @@ from gscpe.coarse import LikePhoto
 from gscpe.photos import Photo
 from gscpe.photos.photo import brightest_channel
 from gscpe.refinement.exposure import ClippingSettings, clipped_share, expose, fit_exposure
+from gscpe.refinement.visibility import OPAQUE
 from gscpe.render import RenderedView
 
 _DARK, _BRIGHT = 40, 250
@@ -21,8 +22,6 @@ _BLACK = 10
 """What is not brighter shows nothing: a photo with a twentieth of the light still shows more."""
 _MOST = 0.5
 _LONGER, _SHORTER = "expose it longer", "expose it for a shorter time"
-
-_OPAQUE = 0.9
 
 _DIM, _WELL_LIT = 150, 235
 """What is brightest in a photo that is brightened, at most; and what it becomes."""
@@ -52,7 +51,7 @@ def exposed_like(photo: Photo, settings: ClippingSettings) -> LikePhoto | None:
         return None
 
     def like_photo(view: RenderedView) -> Float32Array:
-        shown = view.opacity >= _OPAQUE
+        shown = view.opacity >= OPAQUE
         if photo.valid is not None:
             shown = shown & photo.valid
         exposure = fit_exposure(view.rgb, photo.rgb, shown, settings)

@@ -21,7 +21,7 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.se3 import check_transform
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.beside import Beside
-from gscpe.localization.border import attempt_in_world, prior_in_map, view_in_world
+from gscpe.localization.border import InWorld, attempt_in_world, prior_in_map, view_in_world
 from gscpe.localization.chain import Chain
 from gscpe.localization.clock import Clock
 from gscpe.localization.light import trouble_with_light
@@ -152,7 +152,7 @@ class Localizer(Closing):
             ClosedError: the localizer is closed.
         """
         with self._while_open():
-            return self._localize(image, camera, prior, references, observer or Observer())
+            return self._localize(image, camera, prior, references, observer)
 
     def _localize(
         self,
@@ -160,11 +160,12 @@ class Localizer(Closing):
         camera: Camera,
         prior: PosePrior | LocalizationResult | None,
         references: Sequence[str] | None,
-        observer: Observer,
+        told: Observer | None,
     ) -> LocalizationResult:
         if not isinstance(camera, Camera):
             raise CameraError("localize needs a Camera; Localizer.estimate_camera finds one")
         frame = self.map.frame
+        observer = Observer() if told is None else InWorld(told, frame)
         if isinstance(prior, LocalizationResult):
             prior = self._prior_of(prior)
         if not isinstance(prior, PosePrior | None):
@@ -229,8 +230,8 @@ class Localizer(Closing):
             return self._unknown_cameras.estimate(image, guess)
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
-        """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. Pose and depths
-        are with respect to the world."""
+        """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. The pose,
+        (4, 4), and depths are with respect to the world."""
         cam_from_world = check_transform(cam_from_world, "cam_from_world")
         if self._closed:
             raise ClosedError("this localizer is closed")

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -12,7 +10,6 @@ from typing import Mapping
 
 import cv2
 import numpy as np
-from markupsafe import Markup
 
 from gscpe.arrays import Float32Array, UInt8Array
 from gscpe.evaluation.text import degrees_text, number_text, share_text
@@ -21,6 +18,7 @@ from gscpe.making.certificate_tables import photo_table
 from gscpe.output_file import write_file
 from gscpe.photos import to_uint8
 from gscpe.report.encode import data_uris
+from gscpe.report.one_file import filled_page
 
 _BOOST = 2
 _QUALITY = 80
@@ -142,8 +140,6 @@ def _tiles(certificate: Certificate) -> list[tuple[str, str]]:
 
 
 def _filled(values: Mapping[str, object]) -> str:
-    from jinja2 import Environment, StrictUndefined
-
     making = resources.files("gscpe.making")
     style = "".join(
         folder.joinpath(name).read_text(encoding="utf-8")
@@ -153,17 +149,4 @@ def _filled(values: Mapping[str, object]) -> str:
         )
     )
     template = making.joinpath("certificate.html.jinja").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
-    policy = (
-        f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'; base-uri 'none'; "
-        "form-action 'none'"
-    )
-    filled = environment.from_string(template).render(values, style=Markup(style), policy=policy)
-    return filled.lstrip()
+    return filled_page(template, values, style)

@@ -13,6 +13,7 @@ from gscpe.arrays import Float32Array, Float64Array, UInt8Array
 from gscpe.errors import MapError
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import camera_centres, pose_difference
+from gscpe.geometry.spread import thinned
 from gscpe.localization import Localizer
 from gscpe.making.certificate import Certificate, CertifiedPhoto
 from gscpe.making.settings import CertificateSettings
@@ -152,6 +153,4 @@ def _to_show(worst_first: Sequence[str], count: int) -> list[str]:
     if len(worst_first) <= count:
         return list(worst_first)
     worst = (count + 1) // 2
-    rest = worst_first[worst:]
-    chosen = np.unique(np.linspace(0, len(rest) - 1, count - worst).round().astype(int))
-    return [*worst_first[:worst], *(rest[i] for i in chosen)]
+    return [*worst_first[:worst], *thinned(worst_first[worst:], count - worst)]

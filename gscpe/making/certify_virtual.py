@@ -13,12 +13,14 @@ from gscpe.arrays import Float64Array, UInt8Array
 from gscpe.errors import MapError
 from gscpe.geometry import se3
 from gscpe.geometry.pose_error import camera_centre, camera_centres
+from gscpe.geometry.spread import evenly_spread
 from gscpe.localization import Localizer
 from gscpe.making.certificate import Certificate, CertifiedPhoto
 from gscpe.making.certify import certified_photo, scene_size
 from gscpe.making.settings import CertificateSettings
 from gscpe.photos import to_uint8
-from gscpe.scene import Map
+from gscpe.render import RenderedView
+from gscpe.scene import Map, References
 
 _TURN_DEGREES = 10.0
 """Standard deviation of the turns between a viewpoint and a render, about each axis."""
@@ -65,25 +67,19 @@ def certify_virtual(
     depths: list[float] = []
     rng = np.random.default_rng(0)
     with Localizer(map_, matcher=matcher, backend=backend, progress=progress) as localizer:
-        chosen = np.linspace(0, len(references) - 1, min(settings.renders, len(references)))
         for number, index in enumerate(
             tqdm(
-                chosen.round().astype(int),
+                evenly_spread(len(references), settings.renders),
                 "certifying the map",
                 unit="render",
                 disable=not progress,
             )
         ):
             camera = references.cameras[index]
-            for pose in _beside(references.cam_from_world, int(index), rng):
-                view = localizer.render(camera, pose)
-                depth = view.depth[view.opacity > 0.5]
-                if depth.size >= _ENOUGH * view.depth.size and (
-                    np.quantile(depth, 0.05) >= _NEAR * np.median(depth)
-                ):
-                    break
-            else:
+            found = _view_beside(localizer, references, index, rng)
+            if found is None:
                 continue
+            pose, view = found
             image = _as_a_photo(to_uint8(view.rgb), rng)
             photo, _, median = certified_photo(localizer, f"render {number}", image, camera, pose)
             photos.append(photo)
@@ -100,6 +96,21 @@ def certify_virtual(
         settings=settings,
         of_renders=True,
     )
+
+
+def _view_beside(
+    localizer: Localizer, references: References, index: int, rng: np.random.Generator
+) -> tuple[Float64Array, RenderedView] | None:
+    """Pose, (4, 4), and render, as someone might take a photo near a reference; None where the map
+    does not show enough."""
+    for pose in _beside(references.cam_from_world, index, rng):
+        view = localizer.render(references.cameras[index], pose)
+        depth = view.depth[view.opacity > 0.5]
+        if depth.size >= _ENOUGH * view.depth.size and (
+            np.quantile(depth, 0.05) >= _NEAR * np.median(depth)
+        ):
+            return pose, view
+    return None
 
 
 def _beside(

@@ -77,6 +77,7 @@ def make_map(
     settings: MakeMapSettings | None = None,
     scale: ScaleSource | None = None,
     masks: str | Path | None = None,
+    *,
     resume: bool = False,
     backend: str = "auto",
     progress: bool = False,
@@ -135,7 +136,7 @@ def make_map(
         _train(learned, placed, splat, training, max_size, masks, progress)
     scene = read_splat(splat)
     kept = MapSettings(settings.retrieval, placed.metres_per_unit)
-    save_map(build_map(scene, learned, placed.images, kept, progress), output)
+    save_map(build_map(scene, learned, placed.images, kept, progress=progress), output)
     certificate = page = None
     if len(left_out):
         certificate, pictures = certify(
@@ -177,9 +178,11 @@ def _placed(
     folder, how = work / "model", settings.reconstruction
     going_on = folder.exists()
     if not isinstance(source, KnownPoses):
-        done = reconstruct(source, folder, how, scale, masks, going_on, progress)
+        done = reconstruct(source, folder, how, scale, masks, resume=going_on, progress=progress)
     elif refinement is not None:
-        done = refine_known_poses(source, folder, how, refinement, masks, going_on, progress)
+        done = refine_known_poses(
+            source, folder, how, refinement, masks, resume=going_on, progress=progress
+        )
     else:
         model = known_model(source, work)
         return _Placed(model, source.image_folder, source.metres_per_unit, None)
@@ -247,16 +250,16 @@ def _train(
     from gscpe.training import (
         ProgressBar,
         checkpoint_of,
-        first_points,
-        read_photos,
         train_references,
     )
 
-    points = first_points(placed.model, placed.images)
-    photos = read_photos(learned, placed.images, max_size, masks)
     resume = checkpoint_of(splat).exists()
     with closing(ProgressBar()) if progress else nullcontext() as bar:
-        train_references(learned, photos, points, splat, settings, resume, bar)
+        train_references(
+            *(learned, placed.model, placed.images, splat, settings, max_size, masks),
+            resume=resume,
+            progress=bar,
+        )
 
 
 def _stamp(

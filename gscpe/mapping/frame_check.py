@@ -41,6 +41,7 @@ def check_frames(
     metres_per_unit: float | None = 1.0,
     backend: str = "auto",
     matcher: Matcher | str | None = None,
+    *,
     progress: bool = False,
 ) -> Misfit | None:
     """Measures how splat and reference poses fit together, and refuses what does not.
@@ -108,6 +109,7 @@ def measure_misfit(
     metres_per_unit: float | None = 1.0,
     backend: str = "auto",
     matcher: Matcher | str | None = None,
+    *,
     progress: bool = False,
 ) -> Misfit:
     """The same, however large it is: ``Misfit.splat_from_model`` mends it (see
@@ -134,6 +136,7 @@ def with_fitting_axes(
     settings: FrameCheckSettings | None = None,
     metres_per_unit: float | None = 1.0,
     backend: str = "auto",
+    *,
     progress: bool = False,
     axes_are_open: bool = False,
 ) -> GaussianScene:

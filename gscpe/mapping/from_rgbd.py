@@ -87,7 +87,18 @@ def map_from_rgbd(
     settings: RgbdMapSettings | None = None,
     metres_per_unit: float | None = 1.0,
 ) -> Map:
-    """A map whose only reference is this photo; arguments as :func:`scene_from_rgbd`."""
+    """A map whose only reference is this photo.
+
+    Args:
+        rgb, depth, camera, cam_from_world, settings: as :func:`scene_from_rgbd` takes them.
+        name: of the photo.
+        metres_per_unit: length of a world unit in metres; None where it is not known.
+
+    Raises:
+        PhotoError, CameraError, RenderError: as :func:`scene_from_rgbd`.
+        PoseError: the pose is not a rigid transform.
+        SettingsError, ModelError: of the retrieval method.
+    """
     settings = settings or RgbdMapSettings()
     cam_from_world = check_transform(cam_from_world, "cam_from_world")
     rgb, depth = check_image(rgb), _checked_depth(depth)

@@ -40,6 +40,7 @@ def build_map(
     references: References,
     image_folder: str | Path,
     settings: MapSettings | None = None,
+    *,
     progress: bool = False,
 ) -> Map:
     """A map of a splat and reference photos with known poses, in the frame of the splat.

@@ -11,7 +11,8 @@ import numpy as np
 
 from gscpe.arrays import Float32Array
 from gscpe.geometry.camera import Camera
-from gscpe.mapping.reference_photos import reference_photo, spread
+from gscpe.geometry.spread import evenly_spread
+from gscpe.mapping.reference_photos import reference_photo
 from gscpe.photos import luminance
 from gscpe.photos.photo import shrink
 from gscpe.render import Renderer, local_correlation
@@ -62,7 +63,7 @@ class PhotoComparison:
     """
 
     def __init__(self, references: References, image_folder: str | Path, count: int) -> None:
-        self.chosen = spread(len(references), count)
+        self.chosen = evenly_spread(len(references), count)
         self._photos = [self._small(references, index, image_folder) for index in self.chosen]
 
     @staticmethod

@@ -14,8 +14,9 @@ from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.geometry.se3 import inverse, log
+from gscpe.geometry.spread import evenly_spread
 from gscpe.localization import LocalizationResult, Localizer
-from gscpe.mapping.reference_photos import reference_image, spread
+from gscpe.mapping.reference_photos import reference_image
 from gscpe.mapping.settings import MapCheckSettings
 from gscpe.matching import Matcher
 from gscpe.scene import Map, MapFrame
@@ -86,6 +87,7 @@ def check_map(
     settings: MapCheckSettings | None = None,
     backend: str = "auto",
     matcher: Matcher | str | None = None,
+    *,
     progress: bool = False,
 ) -> MapCheck:
     """Localizes some of a map's references in it, as if nothing were known of them.
@@ -110,7 +112,7 @@ def check_map(
         raise MapError("a map without reference photos cannot be checked by them")
     if references.virtual:
         raise MapError("the map's references are renders of its splat: no photos can check it")
-    chosen = spread(len(references), settings.references)
+    chosen = evenly_spread(len(references), settings.references)
     checked = []
     with Localizer(map_, matcher=matcher, backend=backend, progress=progress) as localizer:
         for index in tqdm(chosen, desc="checking the map", unit="photo", disable=not progress):

@@ -14,8 +14,9 @@ from tqdm import tqdm
 from gscpe.arrays import Float64Array
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.geometry.similarity_transform import Similarity, fit_similarity_of_poses
+from gscpe.geometry.spread import evenly_spread
 from gscpe.localization import Localizer, PosePrior
-from gscpe.mapping.reference_photos import at_most, reference_image, spread
+from gscpe.mapping.reference_photos import at_most, reference_image
 from gscpe.mapping.settings import FrameCheckSettings
 from gscpe.matching import Matcher
 from gscpe.scene import GlobalDescriptors, Map, MapFrame, References
@@ -126,7 +127,7 @@ def measure(
     Raises:
         PhotoError, CameraError: a photo cannot be used.
     """
-    chosen = spread(len(references), settings.references)
+    chosen = evenly_spread(len(references), settings.references)
     chosen = chosen[::2] + chosen[1::2]  # the first half is spread over the map, too
     map_ = _map_of_the_splat_alone(scene, references, metres_per_unit)
     frame = map_.frame

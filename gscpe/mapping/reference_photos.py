@@ -14,11 +14,6 @@ from gscpe.photos import Photo, read_image_of, to_photo
 from gscpe.scene import References
 
 
-def spread(count: int, wanted: int) -> list[int]:
-    """At most so many indices of ``count``, evenly spread."""
-    return [int(index) for index in np.unique(np.linspace(0, count - 1, wanted).astype(int))]
-
-
 def reference_image(references: References, index: int, image_folder: str | Path) -> UInt8Array:
     """The photo of a reference as its camera took it, (H, W, 3).
 

@@ -23,6 +23,7 @@ def map_with_virtual_references(
     settings: MapSettings | None = None,
     viewpoints: ViewpointSettings | Viewpoints | None = None,
     backend: str = "auto",
+    *,
     progress: bool = False,
 ) -> Map:
     """A map of a splat without any photo or pose: viewpoints are found in its free space, and
@@ -48,7 +49,7 @@ def map_with_virtual_references(
     settings = settings or MapSettings()
     check_method(settings.retrieval)
     if not isinstance(viewpoints, Viewpoints):
-        viewpoints = find_viewpoints(scene, viewpoints, backend, progress)
+        viewpoints = find_viewpoints(scene, viewpoints, backend, progress=progress)
     count = len(viewpoints)
     references = References(
         names=tuple(f"virtual/{number:04d}" for number in range(1, count + 1)),

@@ -18,7 +18,7 @@ _EXIF_BLOCK, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
 _DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 
 
-def camera_from_exif(path: str | Path, upright: bool = False) -> Camera | None:
+def camera_from_exif(path: str | Path, *, upright: bool = False) -> Camera | None:
     """A guess of the camera of a photo, from the 35 mm equivalent of its focal length; None
     where the file does not say. The principal point is taken to be the middle.
 

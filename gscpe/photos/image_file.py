@@ -21,7 +21,7 @@ _HEIC_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b
 _BIT_DEPTHS = (8, 10, 12, 14, 16)  # of cameras that store raw values in 16 bits
 
 
-def read_image(path: str | Path, upright: bool = False) -> UInt8Array:
+def read_image(path: str | Path, *, upright: bool = False) -> UInt8Array:
     """The pixels of an image file, (H, W, 3) uint8 RGB; (H, W, 4) where some are transparent.
 
     Values of 10, 12 or 14 bits in 16 are stretched to the full range; floats are taken to be in

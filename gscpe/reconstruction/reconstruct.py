@@ -54,6 +54,7 @@ def reconstruct(
     settings: ReconstructionSettings | None = None,
     scale: ScaleSource | None = None,
     masks: str | Path | None = None,
+    *,
     resume: bool = False,
     progress: bool = False,
 ) -> Reconstruction:

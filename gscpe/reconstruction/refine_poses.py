@@ -60,6 +60,7 @@ def refine_known_poses(
     settings: ReconstructionSettings | None = None,
     refinement: PoseRefinementSettings | None = None,
     masks: str | Path | None = None,
+    *,
     resume: bool = False,
     progress: bool = False,
 ) -> Reconstruction:
@@ -118,9 +119,9 @@ def refine_known_poses(
     features, shared = colmap.verified_pairs(database)
     reasons = why_not_placed(photos, unusable, set(placed), (), features, shared, settings)
     fit = agreement(matched, given, bounds.first)
-    overlap = [name for name in reasons if shared.get(name, 0) and features[name] >= FEW_FEATURES]
-    for name in overlap:
-        reasons[name] = why_not_refined(fit[name], shared[name], bounds, name in enough)
+    for name in reasons:
+        if shared.get(name, 0) and features[name] >= FEW_FEATURES:
+            reasons[name] = why_not_refined(fit[name], shared[name], bounds, name in enough)
     result = Reconstruction(
         model_folder=write_model(model, folder),
         image_folder=folder / "images",

@@ -5,10 +5,11 @@ from gscpe.refinement.exposure import ClippingSettings
 from gscpe.refinement.illumination import IlluminationSettings
 from gscpe.refinement.light import LightSettings
 from gscpe.refinement.loop import refine_pose
-from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings
+from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.result import RefinementResult
 from gscpe.refinement.settings import RefinementSettings
+from gscpe.refinement.solver_settings import LucasKanadeSettings
 from gscpe.refinement.uncertainty import PoseUncertainty, UncertaintySettings
 from gscpe.refinement.visibility import VisibilitySettings
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from gscpe.arrays import Float64Array, IntArray
 from gscpe.geometry.projection import unproject_image
-from gscpe.refinement.lucas_kanade import Template, residuals_of, warp
 from gscpe.refinement.products import sums_by_label
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.sampling import sample_bilinear
+from gscpe.refinement.template import Template, residuals_of, warp
 from gscpe.render import local_correlation
 
 _TEXTURE = 0.02

@@ -15,11 +15,11 @@ import numpy as np
 from gscpe.arrays import BoolArray
 from gscpe.photos import Photo, luminance
 from gscpe.photos.photo import shrink
+from gscpe.refinement.visibility import OPAQUE
 from gscpe.render import RenderedView, correlation_map
 
 _ALIKE = 0.3
 """Local correlation below which a place shows something else."""
-_OPAQUE = 0.9
 _LEAST = 0.1
 """Share of the photo that must be left."""
 
@@ -34,7 +34,7 @@ def without_changes(photo: Photo, view: RenderedView) -> Photo | None:
     """
     height, width = photo.rgb.shape[:2]
     size = max(1, width // 2), max(1, height // 2)
-    shown = view.opacity >= _OPAQUE
+    shown = view.opacity >= OPAQUE
     if photo.valid is not None:
         shown &= photo.valid
     correlation = correlation_map(

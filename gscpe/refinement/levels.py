@@ -9,14 +9,10 @@ from typing import Callable, Sequence
 import numpy as np
 
 from gscpe.arrays import Float64Array, short_repr
-from gscpe.refinement.lucas_kanade import (
-    Alignment,
-    LucasKanadeSettings,
-    Template,
-    align,
-    build_template,
-)
+from gscpe.refinement.lucas_kanade import Alignment, align
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.solver_settings import LucasKanadeSettings
+from gscpe.refinement.template import Template, build_template
 from gscpe.refinement.turned_starts import align_from_turned_starts
 
 

@@ -15,11 +15,12 @@ from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.exposure import without_flat_white
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
 from gscpe.refinement.light import PhotoLight
-from gscpe.refinement.lucas_kanade import Alignment, Template
+from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import AnchorLevel, anchor_pyramid, photo_pyramid
 from gscpe.refinement.result import RefinementResult
 from gscpe.refinement.settings import RefinementSettings
+from gscpe.refinement.template import Template
 from gscpe.refinement.uncertainty import pose_uncertainty
 from gscpe.refinement.visibility import visibility_mask
 from gscpe.render import RenderedView, Renders

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from gscpe.errors import SettingsError
 from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.refinement.light import LightSettings
-from gscpe.refinement.lucas_kanade import LucasKanadeSettings
+from gscpe.refinement.solver_settings import LucasKanadeSettings
 from gscpe.refinement.uncertainty import UncertaintySettings
 from gscpe.refinement.visibility import VisibilitySettings
 

@@ -15,8 +15,10 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
 from gscpe.refinement.agreement import photometric_agreement
-from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, Template, align
+from gscpe.refinement.lucas_kanade import Alignment, align
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.solver_settings import LucasKanadeSettings
+from gscpe.refinement.template import Template
 
 _LEAST_OVERLAP = 0.3
 """What overlaps less may look alike by chance."""

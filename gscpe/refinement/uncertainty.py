@@ -32,12 +32,7 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
 from gscpe.ranges import check_numbers, check_shares, check_whole
-from gscpe.refinement.lucas_kanade import (
-    Alignment,
-    LucasKanadeSettings,
-    Template,
-    residuals_of,
-)
+from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.refinement.products import (
     combined,
     inner_products,
@@ -47,6 +42,8 @@ from gscpe.refinement.products import (
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
 from gscpe.refinement.sampling import gradient
+from gscpe.refinement.solver_settings import LucasKanadeSettings
+from gscpe.refinement.template import Template, residuals_of
 
 _LEAST_SLOPE = 0.1
 """Of the influence, as a share of the weight: where most residuals are beyond the bend of the loss,

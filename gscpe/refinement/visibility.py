@@ -16,6 +16,9 @@ from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement.products import compiled_loops
 from gscpe.render import RenderedView, Renders
 
+OPAQUE = 0.9
+"""Opacity from which a pixel of a render shows a surface, unless settings say otherwise."""
+
 _BEHIND = 1e-6
 
 
@@ -38,7 +41,7 @@ class VisibilitySettings:
         SettingsError: a value is out of its range.
     """
 
-    min_opacity: float = 0.9
+    min_opacity: float = OPAQUE
     views: int = 0
     depth_tolerance: float = 0.02
     min_votes: float = 0.3

@@ -99,22 +99,11 @@ def tile_view(
     done = threads.run(
         project,
         [(*task, i) for i, task in enumerate(tasks)],
-        positions,
-        *gaussians,
-        view,
-        centre,
-        intrinsics,
-        limits.as_array(),
+        *(positions, *gaussians, view, centre, intrinsics, limits.as_array()),
         np.float32(max(camera.fx, camera.fy) * limits.stretch()),
         np.array([camera.width, camera.height], dtype=np.float32),
-        np.float32(near),
-        antialiased,
-        records,
-        records.view(np.uint32),
-        tile_rows,
-        keys,
-        slot_of,
-        counts,
+        *(np.float32(near), antialiased),
+        *(records, records.view(np.uint32), tile_rows, keys, slot_of, counts),
     )
     used = [(begin, end) for (begin, _), (end, _) in zip(tasks, done, strict=True)]
     spans = [task_spans for _, task_spans in done]
@@ -126,16 +115,9 @@ def tile_view(
     starts = np.zeros(columns * rows + 1, dtype=np.int64)
     np.cumsum(counts.sum(axis=0), out=starts[1:])
     entries = np.empty(int(starts[-1]), dtype=np.int32)
-    threads.run(
-        fill_entries,
-        in_parts(rows, -(-rows // threads.count)),
-        order,
-        tile_rows,
-        np.concatenate(spans),
-        columns,
-        starts[:-1].copy(),
-        entries,
-    )
+    parts = in_parts(rows, -(-rows // threads.count))
+    listed = np.concatenate(spans)
+    threads.run(fill_entries, parts, order, tile_rows, listed, columns, starts[:-1].copy(), entries)
     return TiledView(
         records, used, keys, starts, entries, columns, rows, view, centre, intrinsics,
         limits.as_array(),

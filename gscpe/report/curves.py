@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.spread import evenly_spread
 from gscpe.report.svg import LogAxis, element, log_axis
 
 _WIDTH, _HEIGHT = 480.0, 300.0
@@ -72,7 +73,7 @@ def _curve(stage: str, errors: Float64Array, queries: int, axis: LogAxis) -> Mar
     """Steps up at every error; level after the last, where what was not localized is missing."""
     shares = np.arange(1, len(errors) + 1) / queries
     if len(errors) > _MOST_POINTS:
-        kept = np.unique(np.rint(np.linspace(0, len(errors) - 1, _MOST_POINTS)).astype(int))
+        kept = evenly_spread(len(errors), _MOST_POINTS)
         errors, shares = errors[kept], shares[kept]
     within = errors <= axis.high
     errors, shares = errors[within], shares[within]

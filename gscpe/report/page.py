@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import sys
 from importlib import resources
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
 import numpy as np
-from markupsafe import Markup
 from tqdm import tqdm
 
 from gscpe.evaluation import SceneRun, Stage
@@ -26,10 +23,12 @@ from gscpe.output_file import write_file
 from gscpe.report.cards import card_id, query_card
 from gscpe.report.curves import Curves, cumulative_curves
 from gscpe.report.encode import data_uris
+from gscpe.report.one_file import filled_page
 from gscpe.report.query_pictures import draw_query
-from gscpe.report.selection import select_queries
+from gscpe.report.selection import Shown, select_queries
 from gscpe.report.settings import ReportSettings
 from gscpe.report.top_view import top_view
+from gscpe.scene import Map
 
 _STAGES: tuple[Stage, ...] = ("coarse", "aligned", "final")
 _MARKED = {"worst", "slowest"}
@@ -69,24 +68,8 @@ def write_report(
         for item in tqdm(shown, desc="drawing queries", disable=not (progress and sys.stderr))
     ]
     names = [str(run.details[item.index]["name"]) for item in shown]
-    links = {n: f"#{card_id(item.index)}" for n, item in zip(names, shown, strict=True)}
-    fixed = {
-        "run": run,
-        "setup": dict(run.setup) | ({"date": settings.date} if settings.date else {}),
-        "tiles": _tiles(run),
-        "accuracy": accuracy_tables([run]),
-        "curves": _curves(run, errors),
-        "known": _known_queries(run),
-        "truth": next(iter(run.truths), ""),
-        "above": top_view(run, localizer.map, settings, links),
-        "times": stage_times_table(run.details),
-        "queries": query_table(run),
-        "links": links,
-        "marks": {
-            name: [kind for kind in item.kinds if kind in _MARKED]
-            for name, item in zip(names, shown, strict=True)
-        },
-    }
+    by_name = dict(zip(names, shown, strict=True))
+    rest = _without_cards(run, errors, localizer.map, by_name, settings)
 
     def page(uris: Sequence[str]) -> str:
         """With these URIs of all pictures in turn."""
@@ -103,7 +86,7 @@ def write_report(
             )
             for name, item, pictures in zip(names, shown, drawn, strict=True)
         ]
-        return _fill_template({**fixed, "cards": cards})
+        return _fill_template({**rest, "cards": cards})
 
     flat = [picture for item in drawn for picture in item.pictures.values()]
     without_pictures = len(page([""] * len(flat)))
@@ -111,39 +94,39 @@ def write_report(
     write_file(path, text.encode("utf-8", "replace"))
 
 
-def _fill_template(values: Mapping[str, Any]) -> str:
-    from jinja2 import Environment, StrictUndefined
+def _without_cards(
+    run: SceneRun,
+    errors: Mapping[Stage, Mapping[str, PoseDifference]],
+    map_: Map,
+    shown: Mapping[str, Shown],
+    settings: ReportSettings,
+) -> dict[str, Any]:
+    """What the template is filled with, but for the cards of the queries that are shown."""
+    links = {name: f"#{card_id(item.index)}" for name, item in shown.items()}
+    return {
+        "run": run,
+        "setup": dict(run.setup) | ({"date": settings.date} if settings.date else {}),
+        "tiles": _tiles(run),
+        "accuracy": accuracy_tables([run]),
+        "curves": _curves(run, errors),
+        "known": _known_queries(run),
+        "truth": next(iter(run.truths), ""),
+        "above": top_view(run, map_, settings, links),
+        "times": stage_times_table(run.details),
+        "queries": query_table(run),
+        "links": links,
+        "marks": {
+            name: [kind for kind in item.kinds if kind in _MARKED] for name, item in shown.items()
+        },
+    }
 
+
+def _fill_template(values: Mapping[str, Any]) -> str:
     template, style, script = (
         resources.files("gscpe.report").joinpath(name).read_text(encoding="utf-8")
         for name in ("page.html.jinja", "page.css", "page.js")
     )
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    filled = environment.from_string(template).render(
-        values,
-        style=Markup(style),
-        script=Markup(script),
-        policy=_policy(style, script),
-    )
-    return filled.lstrip()
-
-
-def _policy(style: str, script: str) -> str:
-    """Nothing is loaded, and nothing runs but the two that the page was written with."""
-    style_hash, script_hash = (
-        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        for text in (style, script)
-    )
-    return (
-        f"default-src 'none'; img-src data:; style-src 'sha256-{style_hash}'; "
-        f"script-src 'sha256-{script_hash}'; base-uri 'none'; form-action 'none'"
-    )
+    return filled_page(template, values, style, script)
 
 
 def _known_queries(run: SceneRun) -> int:

@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Mapping, Sequence
 
-import numpy as np
-
 from gscpe.evaluation.text import degrees_text, length_text
 from gscpe.geometry.pose_error import PoseDifference
+from gscpe.geometry.spread import thinned
 from gscpe.report.settings import ReportSettings
 
 
@@ -51,7 +50,7 @@ def select_queries(
             whys = picked.setdefault(index, {})
             whys[kind] = f"{whys[kind]}; {why}" if kind in whys else why
 
-    for index in _spread(refused, settings.refused):
+    for index in thinned(refused, settings.refused):
         pick(index, "refused", f"one of {len(refused)} photos without a pose")
     for index, why in _worst(details, localized, errors, metric, settings.worst):
         pick(index, "worst", why)
@@ -61,7 +60,7 @@ def select_queries(
         seconds = float(details[index]["seconds"]["total"])
         pick(index, "slowest", f"{_ordinal(rank)}slowest: {seconds:.2f} s")
     others = [i for i in localized if i not in picked]
-    for index in _spread(others, settings.queries - len(picked)):
+    for index in thinned(others, max(settings.queries - len(picked), 0)):
         pick(index, "ordinary", "ordinary: spread evenly over the rest")
     return tuple(Shown(i, tuple(whys), tuple(whys.values())) for i, whys in picked.items())
 
@@ -95,16 +94,6 @@ def _worst(
         (i, f"{_ordinal(rank)}largest rotation error: {degrees_text(known[i].degrees)}")
         for rank, i in enumerate(by_angle)
     ]
-
-
-def _spread(indices: Sequence[int], count: int) -> list[int]:
-    """At most so many of the indices, evenly spread, the first and the last among them."""
-    if count <= 0:
-        return []
-    if len(indices) <= count:
-        return list(indices)
-    places = np.rint(np.linspace(0, len(indices) - 1, count)).astype(int)
-    return [indices[place] for place in places]
 
 
 def _ordinal(rank: int) -> str:

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from gscpe.arrays import Float32Array
 from gscpe.errors import MapError, ModelError, SettingsError
+from gscpe.geometry.spread import evenly_spread
 from gscpe.models import models_folder
 from gscpe.photos import Photo
 from gscpe.retrieval.onnx_describer import OnnxDescriber, describe_model, read_onnx_input
@@ -149,8 +150,7 @@ def _describe_by_vlad(photos: Sequence[Photo], kind: str, progress: bool) -> Glo
         photo = photos[index]
         return local_descriptors(photo.rgb, None, photo.valid)
 
-    count = min(len(photos), _TRAINING_PHOTOS)
-    chosen = np.linspace(0, len(photos) - 1, count).round().astype(int)
+    chosen = evenly_spread(len(photos), _TRAINING_PHOTOS)
     kept = {
         int(index): local_of(int(index))
         for index in _shown(chosen, "learning words from photos", progress)

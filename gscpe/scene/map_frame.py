@@ -21,6 +21,7 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry.projection import transform_points
+from gscpe.geometry.spread import evenly_spread
 from gscpe.scene.references import References
 from gscpe.splats.gaussians import NEAR, GaussianScene
 
@@ -73,7 +74,8 @@ class MapFrame:
         return moved
 
     def cam_from_world(self, cam_from_map: Float64Array) -> Float64Array:
-        """The inverse of :meth:`cam_from_map`."""
+        """The inverse of :meth:`cam_from_map`: a pose, (4, 4) or (N, 4, 4), with respect to the
+        world; its translation in world units."""
         moved = np.array(cam_from_map, dtype=np.float64)
         moved[..., :3, 3] = moved[..., :3, 3] / self.scale - moved[..., :3, :3] @ self.origin
         return moved
@@ -131,13 +133,11 @@ def typical_depth(scene: GaussianScene, references: References) -> float:
     Gaussians hide each other, so that this is more than the depth of what is seen; it is meant
     for tolerances, not for measuring.
     """
-    count = len(references)
-    chosen = np.unique(np.linspace(0, max(count - 1, 0), _VIEWS).astype(int))[: min(count, _VIEWS)]
     depths = []
     step = max(1, len(scene) // 50_000)
     solid = np.flatnonzero(scene.opacities[::step] >= 0.5) * step
     means = scene.means[solid if len(solid) else slice(None, None, step)].astype(np.float64)
-    for index in chosen:
+    for index in evenly_spread(len(references), _VIEWS):
         camera = references.cameras[index]
         cam_from_scene = references.cam_from_world[index].copy()
         cam_from_scene[:3, 3] += cam_from_scene[:3, :3] @ scene.origin

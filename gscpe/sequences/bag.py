@@ -16,10 +16,11 @@ from gscpe.sequences.ros_messages import (
     CAMERA_INFO,
     COMPRESSED,
     IMAGE,
-    camera_of_info,
     check_encoding,
     image_of,
     nanoseconds_of,
+    read_ros_camera,
+    read_ros_image,
 )
 
 BAG_ENDINGS = {".bag", ".db3", ".mcap"}
@@ -86,8 +87,7 @@ class BagFrames(Frames):
                 taken = nanoseconds_of(message, recorded)
                 image, trouble = None, None
                 try:
-                    check_encoding(message, self._topic)
-                    image = image_of(message)
+                    image = read_ros_image(message, self._topic)
                     self._camera.check_fits(image.shape, "the image")
                 except (PhotoError, CameraError, SequenceError) as error:
                     image, trouble = None, str(error)
@@ -232,7 +232,7 @@ def _camera_beside(bag: _Bag, topic: str, path: Path) -> Camera:
     message = next((message for _, message in bag.messages(beside)), None)
     if message is None:
         raise CameraError(f"{path}: {beside} has no messages: give --camera")
-    return camera_of_info(message, beside, rectified=_RECTIFIED.search(parts[-1]) is not None)
+    return read_ros_camera(message, beside, rectified=_RECTIFIED.search(parts[-1]) is not None)
 
 
 def _first_line(error: Exception) -> str:

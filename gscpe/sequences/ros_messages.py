@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS's messages of cameras: images, compressed images and calibrations, of ROS 1 and 2.
+"""ROS's messages of cameras: images, compressed images and calibrations, of ROS 1 and 2, as bags
+hold them and as running programs receive them.
 
 https://docs.ros.org/en/noetic/api/sensor_msgs/html/index-msg.html,
 https://github.com/ros2/common_interfaces/blob/rolling/sensor_msgs/include/sensor_msgs/image_encodings.hpp
@@ -43,9 +44,27 @@ _ENCODINGS: dict[str, tuple[int, int | None]] = {
 }
 
 
+def read_ros_image(message: Any, topic: str) -> UInt8Array:
+    """The picture in a message of ROS 1 or 2; its header tells when it was taken.
+
+    Args:
+        message: ``sensor_msgs/Image`` or ``CompressedImage``, of rclpy or rosbags.
+        topic: that it came from, for errors.
+
+    Returns:
+        (H, W, 3) uint8 RGB; grey has three equal channels.
+
+    Raises:
+        SequenceError: images of this encoding cannot be used.
+        PhotoError: it is damaged, or empty.
+    """
+    check_encoding(message, topic)
+    return image_of(message)
+
+
 def check_encoding(message: Any, topic: str) -> None:
     """Raises SequenceError where images of this kind cannot be used, with what can."""
-    if message.__msgtype__ == COMPRESSED:
+    if _is_compressed(message):
         if "compresseddepth" in str(message.format).lower():
             raise SequenceError(f"{topic} holds depth ({message.format}); give a topic of pictures")
     elif message.encoding.lower() not in _ENCODINGS:
@@ -61,7 +80,7 @@ def image_of(message: Any) -> UInt8Array:
     Raises:
         PhotoError: it is damaged, or empty.
     """
-    if message.__msgtype__ == COMPRESSED:
+    if _is_compressed(message):
         return _decompressed(message)
     channels, conversion = _ENCODINGS[message.encoding.lower()]
     height, width, step = int(message.height), int(message.width), int(message.step)
@@ -83,6 +102,11 @@ def image_of(message: Any) -> UInt8Array:
     return np.asarray(rgb, dtype=np.uint8)
 
 
+def _is_compressed(message: Any) -> bool:
+    """Only the raw ones have an encoding; rclpy's do not tell the name of their type."""
+    return not hasattr(message, "encoding")
+
+
 def _decompressed(message: Any) -> UInt8Array:
     data = np.asarray(message.data, dtype=np.uint8)
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -102,12 +126,12 @@ def nanoseconds_of(message: Any, recorded: int) -> int:
     return taken if taken > 0 else recorded
 
 
-def camera_of_info(message: Any, topic: str, rectified: bool) -> Camera:
-    """The camera of a CameraInfo; OpenCV's pixels become ours. Binning and a region of interest
-    count.
+def read_ros_camera(message: Any, topic: str, *, rectified: bool = False) -> Camera:
+    """The camera of a ``sensor_msgs/CameraInfo`` of ROS 1 or 2. OpenCV's pixels become ours;
+    binning and a region of interest count.
 
     Args:
-        message: of ROS 1 or 2.
+        message: of rclpy or rosbags.
         topic: of the message, for errors.
         rectified: whether the pictures are free of distortion (``image_rect``): their matrix is P.
 

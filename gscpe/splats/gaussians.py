@@ -105,7 +105,7 @@ class GaussianScene:
         return len(self.means)
 
     def taken(self, rows: IntArray | BoolArray) -> GaussianScene:
-        """These Gaussians, by index or by mask; SplatError where none are left."""
+        """Those of these rows: indices, (M,), or a mask, (N,); SplatError where none are left."""
         return replace(
             self,
             means=self.means[rows],

@@ -12,8 +12,8 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.photos import luminance
 from gscpe.refinement.levels import PreparedAnchor
-from gscpe.refinement.lucas_kanade import Template, motion_of
 from gscpe.refinement.pyramid import anchor_pyramid
+from gscpe.refinement.template import Template, motion_of
 from gscpe.refinement.uncertainty import blocks_of
 from gscpe.refinement.visibility import visibility_mask
 from gscpe.render import Renders

@@ -80,7 +80,7 @@ class Prediction:
         """By how much the image may be elsewhere, all in all.
 
         Args:
-            motion: (6, 6), see :class:`gscpe.refinement.lucas_kanade.Template`.
+            motion: (6, 6), see :class:`gscpe.refinement.template.Template`.
         """
         measured = float(np.sum(np.diag(motion) * self.sigmas**2))
         return float(np.sqrt(self.surprise_pixels**2 + measured))

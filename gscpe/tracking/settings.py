@@ -104,7 +104,7 @@ class TrackingSettings:
     trust: TrustSettings = field(default_factory=TrustSettings)
 
     @classmethod
-    def fast(cls, wait: bool = False) -> TrackingSettings:
+    def fast(cls, *, wait: bool = False) -> TrackingSettings:
         """For frames of half the size: faster, and less exact."""
         return cls(
             wait=wait,

@@ -12,8 +12,6 @@ from gscpe.training.evaluation import Likeness, likeness
 from gscpe.training.from_colmap import TrainedSplat, train_from_colmap
 from gscpe.training.from_references import (
     checkpoint_of,
-    first_points,
-    read_photos,
     split_references,
     train_references,
 )
@@ -31,10 +29,8 @@ __all__ = [
     "TrainedSplat",
     "TrainingSettings",
     "checkpoint_of",
-    "first_points",
     "likeness",
     "read_colmap_points",
-    "read_photos",
     "split_references",
     "train",
     "train_from_colmap",

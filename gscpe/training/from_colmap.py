@@ -6,16 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from gscpe.errors import OutputError, SettingsError
+from gscpe.geometry.spread import evenly_spread
 from gscpe.photos.masks import check_masks
 from gscpe.ranges import check_test_every
 from gscpe.scene.colmap_model import read_colmap_references
 from gscpe.training.evaluation import Likeness, likeness
 from gscpe.training.from_references import (
     checkpoint_of,
-    first_points,
     read_photos,
     split_references,
     train_references,
@@ -52,6 +50,7 @@ def train_from_colmap(
     settings: TrainingSettings | None = None,
     max_size: int = 1000,
     test_every: int = 0,
+    *,
     resume: bool = False,
     progress: Listener | None = None,
     masks: str | Path | None = None,
@@ -97,8 +96,6 @@ def train_from_colmap(
     learned, left_out = split_references(references, test_every)
     if masks is not None:
         check_masks(Path(masks), list(references.names))
-    points = first_points(model_folder, image_folder)
-    photos = read_photos(learned, image_folder, max_size, masks)
     last: list[Progress] = []
 
     def tell(news: Progress) -> None:
@@ -107,12 +104,21 @@ def train_from_colmap(
             progress(news)
 
     settings = settings or TrainingSettings()
-    scene = train_references(learned, photos, points, output, settings, resume, tell)
-    if len(left_out):
-        seen = read_photos(left_out, image_folder, max_size, masks)
-        alike = likeness(scene, seen, left_out.cam_from_world)
-    else:
-        some = np.linspace(0, len(learned) - 1, min(len(learned), _MOST_EVALUATED)).astype(int)
-        alike = likeness(scene, [photos[i] for i in some], learned.cam_from_world[some])
+    scene = train_references(
+        learned,
+        model_folder,
+        image_folder,
+        output,
+        settings,
+        max_size,
+        masks,
+        resume=resume,
+        progress=tell,
+    )
+    compared, which = left_out, list(range(len(left_out)))
+    if not which:
+        compared, which = learned, evenly_spread(len(learned), _MOST_EVALUATED)
+    seen = read_photos(compared, image_folder, max_size, masks, which)
+    alike = likeness(scene, seen, compared.cam_from_world[which])
     iterations = last[0].iteration if last else 0
     return TrainedSplat(len(scene), iterations, len(learned), len(left_out), alike)

@@ -98,32 +98,39 @@ def read_photos(
 
 def train_references(
     learned: References,
-    photos: Sequence[Photo],
-    points: PointCloud,
+    model_folder: str | Path,
+    image_folder: str | Path,
     output: Path,
     settings: TrainingSettings,
+    max_size: int,
+    masks: str | Path | None = None,
+    *,
     resume: bool = False,
     progress: Listener | None = None,
 ) -> GaussianScene:
-    """Trains a splat and writes it; a checkpoint lies beside it until then.
+    """Trains a splat on photos of a COLMAP model and writes it; a checkpoint lies beside it until
+    then.
 
     Args:
-        learned: whose poses are known.
-        photos: of these, see :func:`read_photos`.
-        points: to begin with.
+        learned: the photos' names, poses and cameras.
+        model_folder: its points are begun with, see :func:`first_points`.
+        image_folder, max_size, masks: of the photos, see :func:`read_photos`.
         output: ``.ply`` or ``.spz``.
         settings: how.
         resume: go on from the checkpoint.
         progress: is told of every iteration.
 
     Raises:
+        ColmapModelError, PhotoError, CameraError: of these functions.
         TrainingError: too few photos; the checkpoint does not fit.
         OutputError: checkpoint or splat cannot be written.
     """
+    points = first_points(model_folder, image_folder)
+    photos = read_photos(learned, image_folder, max_size, masks)
     checkpoint = checkpoint_of(output)
     poses = learned.cam_from_world
     seen = points.seen_in(learned.names)
-    scene = train(photos, poses, points, settings, progress, checkpoint, resume, seen=seen)
+    scene = train(photos, poses, points, settings, progress, checkpoint, resume=resume, seen=seen)
     write_splat(scene, output)
     checkpoint.unlink()
     return scene

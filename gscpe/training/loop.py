@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import logging
 import time
+from contextlib import closing
 from pathlib import Path
-from typing import Sequence
+from typing import Callable, Sequence
 
 import numpy as np
 
@@ -44,6 +45,7 @@ def train(
     settings: TrainingSettings | None = None,
     progress: Listener | None = None,
     checkpoint: str | Path | None = None,
+    *,
     resume: bool = False,
     threads: int | None = None,
     seen: Sequence[IntArray] | None = None,
@@ -74,7 +76,7 @@ def train(
         CameraError: a photo has lens distortion, or is of another size than its camera.
         OutputError: a checkpoint cannot be written.
     """
-    begin = time.perf_counter()
+    began = time.perf_counter()
     settings = settings or TrainingSettings()
     cam_from_world = _checked(photos, cam_from_world)
     seen = _checked_seen(seen, photos, points)
@@ -90,33 +92,46 @@ def train(
     if settings.depth_weight:
         known = np.mean([len(indices) for indices in seen]) if seen else 0.0
         _log.info("depths of %.0f points in a photo, on average, are looked at", known)
-    begin -= state.schedule.seconds
-    pool = KernelThreads(threads)
-    trainer = Trainer(photos, cam_from_world, extent, state, settings, pool, points, seen)
-    try:
+    began -= state.schedule.seconds
+
+    def save() -> None:
+        if path is not None:
+            write_checkpoint(path, state, mark)
+
+    with closing(KernelThreads(threads)) as pool:
+        trainer = Trainer(photos, cam_from_world, extent, state, settings, pool, points, seen)
         with interrupts_later() as interrupts:
-            if path is not None and not resume:  # a full disk is found now, and not in a minute
-                write_checkpoint(path, state, mark)
-            written = time.perf_counter()
-            while not state.schedule.is_done and not interrupts:
-                before = time.perf_counter()
-                trainer.step()
-                now = time.perf_counter()
-                state.schedule.advance(now - begin, now - before)
-                trainer.follow_schedule()
-                if progress is not None:
-                    progress(trainer.progress())
-                if path is not None and now - written > _CHECKPOINT_SECONDS:
-                    write_checkpoint(path, state, mark)
-                    written = time.perf_counter()
-            if path is not None:
-                write_checkpoint(path, state, mark)
+            if not resume:  # a full disk is found now, and not in a minute
+                save()
+            _iterate(trainer, state.schedule, began, interrupts, progress, save)
+            save()
         if not state.schedule.is_done:  # and the program's own handler let it go on
             raise KeyboardInterrupt
-    finally:
-        pool.close()
     _log.info("trained %d iterations in %.0f s", state.schedule.iteration, state.schedule.seconds)
     return trainer.scene()
+
+
+def _iterate(
+    trainer: Trainer,
+    schedule: Schedule,
+    began: float,
+    interrupts: Sequence[int],
+    progress: Listener | None,
+    save: Callable[[], None],
+) -> None:
+    """Until the schedule is done or there is an interrupt; saves now and then."""
+    saved = time.perf_counter()
+    while not schedule.is_done and not interrupts:
+        before = time.perf_counter()
+        trainer.step()
+        now = time.perf_counter()
+        schedule.advance(now - began, now - before)
+        trainer.follow_schedule()
+        if progress is not None:
+            progress(trainer.progress())
+        if now - saved > _CHECKPOINT_SECONDS:
+            save()
+            saved = time.perf_counter()
 
 
 def _first_state(

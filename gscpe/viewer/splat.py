@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import BoolArray, Float32Array, Float64Array, IntArray, UInt8Array
+from gscpe.geometry.spread import evenly_spread
 from gscpe.splats import GaussianScene
 from gscpe.splats.gaussians import SH_C0
 
@@ -66,7 +67,7 @@ def most_visible(scene: GaussianScene, most: int, eyes: Float64Array | None = No
 
 def _squared_distance(means: Float32Array, eyes: Float64Array) -> Float32Array:
     """(N,) to the nearest eye; of very many, some stand for all."""
-    some = np.unique(np.linspace(0, len(eyes) - 1, _MOST_EYES).astype(int))
+    some = evenly_spread(len(eyes), _MOST_EYES)
     nearest = np.full(len(means), np.inf, dtype=np.float32)
     for eye in eyes[some].astype(np.float32):
         np.minimum(nearest, np.sum((means - eye) ** 2, axis=1), out=nearest)

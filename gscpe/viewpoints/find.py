@@ -50,6 +50,7 @@ def find_viewpoints(
     scene: GaussianScene,
     settings: ViewpointSettings | None = None,
     backend: str = "auto",
+    *,
     progress: bool = False,
 ) -> Viewpoints:
     """Poses inside the free space of a splat from which it looks as its photos did.

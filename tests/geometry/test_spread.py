@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Directions over the sphere, and points far from each other."""
+"""Directions over the sphere, points far from each other, and indices evenly apart."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from helpers import random_pose
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gscpe.geometry.pose_error import camera_centre, camera_centres
-from gscpe.geometry.spread import even_directions, farthest_first, thinned
+from gscpe.geometry.spread import even_directions, evenly_spread, farthest_first, thinned
 
 
 @pytest.mark.parametrize("count", [32, 96, 500])
@@ -50,3 +52,14 @@ def test_centres_of_many_cameras(rng: np.random.Generator) -> None:
     expected = [camera_centre(pose) for pose in poses]
     np.testing.assert_allclose(camera_centres(np.array(poses)), expected)
     assert camera_centres(np.zeros((0, 4, 4))).shape == (0, 3)
+
+
+@given(count=st.integers(0, 300), most=st.integers(0, 320))
+def test_evenly_spread(count: int, most: int) -> None:
+    chosen = evenly_spread(count, most)
+    assert len(set(chosen)) == len(chosen) == min(count, most)
+    assert chosen == sorted(chosen)
+    if len(chosen) > 1:
+        assert (chosen[0], chosen[-1]) == (0, count - 1)
+        steps = np.diff(chosen)
+        assert steps.max() - steps.min() <= 1

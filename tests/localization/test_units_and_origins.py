@@ -11,7 +11,19 @@ import pytest
 from numpy.typing import NDArray
 from scenes import ROOM_POSE, room, room_camera, room_map
 
-from gscpe import LocalizationResult, Localizer, Map, PosePrior, References
+from gscpe import (
+    AbsolutePose,
+    Alignment,
+    Attempt,
+    LocalizationResult,
+    Localizer,
+    Map,
+    Matches,
+    Observer,
+    PosePrior,
+    References,
+    RenderedView,
+)
 from gscpe.geometry import pose_difference, se3
 from gscpe.scene import open_map, save_map
 from gscpe.splats import GaussianScene, read_splat, write_splat
@@ -147,3 +159,58 @@ def test_a_small_scene_that_claims_to_be_metric(tmp_path: Path) -> None:
     assert results[0].cam_from_world is not None
     pose = moved_back(results[0].cam_from_world, 0.01, NOWHERE)
     assert pose_difference(pose, ASIDE).distance < 5e-3
+
+
+class Told(Observer):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.rounds: list[tuple[RenderedView, AbsolutePose | None]] = []
+        self.anchors: list[RenderedView] = []
+        self.steps: list[NDArray[np.float64]] = []
+        self.alignments: list[Alignment] = []
+        self.attempts: list[Attempt] = []
+
+    def round_done(
+        self, view: RenderedView, matches: Matches, estimate: AbsolutePose | None
+    ) -> None:
+        self.rounds.append((view, estimate))
+
+    def anchor_rendered(self, view: RenderedView) -> None:
+        self.anchors.append(view)
+
+    def iterated(self, photo_from_anchor: NDArray[np.float64]) -> None:
+        self.steps.append(photo_from_anchor)
+
+    def anchor_aligned(self, alignment: Alignment) -> None:
+        self.alignments.append(alignment)
+
+    def attempted(self, attempt: Attempt) -> None:
+        self.attempts.append(attempt)
+
+
+@pytest.mark.parametrize(("scale", "origin"), [(1000.0, NOWHERE), (0.1, FAR)])
+def test_observers_are_told_of_the_world(
+    scale: float, origin: NDArray[np.float64], tmp_path: Path
+) -> None:
+    told = Told()
+    with Localizer(map_in(1.0 / scale, scale, origin, tmp_path)) as localizer:
+        result = localizer.localize(photo(ASIDE), CAMERA, observer=told)
+        reference = localizer.map.world_references.cam_from_world[0]
+    assert result.coarse is not None and result.aligned is not None
+    view, _ = told.rounds[0]
+    np.testing.assert_allclose(view.cam_from_world, reference, rtol=1e-9, atol=1e-9)
+    shot = room().shoot(view.camera, ROOM_POSE)
+    assert np.median(view.depth / shot.depth) == pytest.approx(scale, rel=0.01)
+    _, estimate = told.rounds[-1]
+    assert estimate is not None
+    np.testing.assert_array_equal(estimate.cam_from_world, result.coarse.cam_from_world)
+    np.testing.assert_array_equal(estimate.covariance, result.coarse.covariance)
+    motion, anchor = told.alignments[-1].photo_from_anchor, told.anchors[-1].cam_from_world
+    assert result.aligned.cam_from_world is not None
+    aligned = pose_difference(motion @ anchor, result.aligned.cam_from_world)
+    assert aligned.distance < 1e-9 * max(scale, float(np.linalg.norm(origin)))
+    assert aligned.degrees < 1e-5
+    last = pose_difference(told.steps[-1] @ anchor, result.aligned.cam_from_world)
+    assert last.distance < 1e-3 * scale
+    assert told.attempts[-1].start.cam_from_world == pytest.approx(reference, rel=1e-9)

@@ -12,8 +12,8 @@ from gscpe.geometry import se3
 from gscpe.photos import luminance
 from gscpe.refinement import LucasKanadeSettings
 from gscpe.refinement.agreement import BlockAgreement, block_agreement, photometric_agreement
-from gscpe.refinement.lucas_kanade import build_template
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.template import build_template
 from gscpe.refinement.uncertainty import blocks_of
 
 CAMERA = room_camera(160, 120)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Callable
 
 import numpy as np
 import pytest
@@ -12,14 +13,8 @@ from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.geometry import se3
 from gscpe.photos import luminance
-from gscpe.refinement import (
-    LucasKanadeSettings,
-    VisibilitySettings,
-    lucas_kanade,
-    products,
-    visibility,
-)
-from gscpe.refinement.lucas_kanade import Alignment, align, build_template, residuals_of
+from gscpe.refinement import LucasKanadeSettings, VisibilitySettings
+from gscpe.refinement.lucas_kanade import Alignment, align
 from gscpe.refinement.products import (
     combined,
     inner_products,
@@ -27,6 +22,7 @@ from gscpe.refinement.products import (
     weighted_squares,
 )
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
+from gscpe.refinement.template import build_template, residuals_of
 from gscpe.refinement.visibility import visibility_mask
 
 pytest.importorskip("numba")
@@ -48,9 +44,14 @@ def levels(holes: float) -> tuple[AnchorLevel, ImageLevel]:
 
 
 @pytest.fixture
-def without_numba(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """Turns the loops off once it is told to."""
-    return monkeypatch
+def use_numpy(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Turns the loops off, everywhere, once it is called."""
+
+    def off() -> None:
+        for name in ("lucas_kanade", "products", "template", "visibility"):
+            monkeypatch.setattr(f"gscpe.refinement.{name}.compiled_loops", lambda: None)
+
+    return off
 
 
 @pytest.mark.parametrize("holes", [0.0, 0.1])
@@ -63,14 +64,12 @@ def without_numba(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
         se3.exp([0, 0, 0, 0, 2.0, 0]),
     ],
 )
-def test_residuals(
-    holes: float, pose: NDArray[np.float64], without_numba: pytest.MonkeyPatch
-) -> None:
+def test_residuals(holes: float, pose: NDArray[np.float64], use_numpy: Callable[[], None]) -> None:
     anchor, photo = levels(holes)
     template = build_template(anchor, SETTINGS)
     assert template is not None
     fast, fast_usable = residuals_of(template, photo, pose, 0.9, 0.05)
-    without_numba.setattr(lucas_kanade, "compiled_loops", lambda: None)
+    use_numpy()
     slow, slow_usable = residuals_of(template, photo, pose, 0.9, 0.05)
     # A point on the border itself may fall to either side.
     assert np.count_nonzero(fast_usable != slow_usable) <= 3
@@ -80,14 +79,14 @@ def test_residuals(
 
 
 @pytest.mark.parametrize("most", [500, 100_000])
-def test_templates(most: int, without_numba: pytest.MonkeyPatch) -> None:
+def test_templates(most: int, use_numpy: Callable[[], None]) -> None:
     """The same pixels, also where a template is thinned; points and Jacobians to rounding."""
     rng = np.random.default_rng(2)
     anchor, _ = levels(0.0)
     anchor = replace(anchor, valid=rng.uniform(size=anchor.valid.shape) >= 0.01)
     settings = replace(SETTINGS, max_template_pixels=most)
     fast = build_template(anchor, settings)
-    without_numba.setattr(lucas_kanade, "compiled_loops", lambda: None)
+    use_numpy()
     slow = build_template(anchor, settings)
     assert fast is not None and slow is not None
     assert len(fast.intensities) <= 1.1 * most
@@ -99,7 +98,7 @@ def test_templates(most: int, without_numba: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 127, 128, 1000])
-def test_products(count: int, without_numba: pytest.MonkeyPatch) -> None:
+def test_products(count: int, use_numpy: Callable[[], None]) -> None:
     rng = np.random.default_rng(count)
     a, b = (rng.normal(size=(rows, count)).astype(np.float32) for rows in (8, 3))
     np.testing.assert_allclose(inner_products(a, b), a @ b.T, atol=1e-3)
@@ -112,7 +111,7 @@ def test_products(count: int, without_numba: pytest.MonkeyPatch) -> None:
     labels = rng.integers(0, 7, count)
     expected = np.stack([np.bincount(labels, row) for row in a])
     np.testing.assert_allclose(sums_by_label(labels, a), expected, atol=1e-4)
-    without_numba.setattr(products, "compiled_loops", lambda: None)
+    use_numpy()
     np.testing.assert_allclose(sums_by_label(labels, a), expected)
     np.testing.assert_allclose(weighted_squares(a, weights), (a * weights) @ a.T, atol=1e-3)
     np.testing.assert_allclose(inner_products(a, b), a @ b.T, atol=1e-3)
@@ -120,7 +119,7 @@ def test_products(count: int, without_numba: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("settings", [{}, {"robust": False}, {"gain_and_bias": False}])
-def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch) -> None:
+def test_alignments(settings: dict[str, bool], use_numpy: Callable[[], None]) -> None:
     anchor, photo = levels(0.05)
     solver = LucasKanadeSettings(**settings)
     template = build_template(anchor, solver)
@@ -133,7 +132,7 @@ def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch
         return found
 
     fast = solve()
-    without_numba.setattr(lucas_kanade, "compiled_loops", lambda: None)
+    use_numpy()
     slow = solve()
     assert fast.iterations == slow.iterations
     assert fast.pixels == slow.pixels
@@ -142,7 +141,7 @@ def test_alignments(settings: dict[str, bool], without_numba: pytest.MonkeyPatch
     assert fast.residual == pytest.approx(slow.residual, rel=1e-3)
 
 
-def test_votes(without_numba: pytest.MonkeyPatch) -> None:
+def test_votes(use_numpy: Callable[[], None]) -> None:
     """A board before a wall: the views see what is behind it, and past the anchor's borders."""
     camera = room_camera(160, 120)
     renderer = RayCastRenderer(room())
@@ -151,7 +150,7 @@ def test_votes(without_numba: pytest.MonkeyPatch) -> None:
     depth[40:70, 20:50] -= np.float32(0.3)
     anchor = replace(anchor, depth=depth)
     masks = [visibility_mask(renderer, anchor, VisibilitySettings(views=3), 1.0)]
-    without_numba.setattr(visibility, "compiled_loops", lambda: None)
+    use_numpy()
     masks.append(visibility_mask(renderer, anchor, VisibilitySettings(views=3), 1.0))
     assert 0.5 < masks[0].mean() < 0.95
     assert np.count_nonzero(masks[0] != masks[1]) <= 3  # on the border of a view's pixel

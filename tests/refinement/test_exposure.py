@@ -23,8 +23,9 @@ from gscpe.refinement.exposure import (
     is_clipped,
     without_flat_white,
 )
-from gscpe.refinement.lucas_kanade import LucasKanadeSettings, build_template
 from gscpe.refinement.pyramid import AnchorLevel
+from gscpe.refinement.solver_settings import LucasKanadeSettings
+from gscpe.refinement.template import build_template
 
 CAMERA = room_camera(240, 180)
 CLIPPING = ClippingSettings()

@@ -20,8 +20,9 @@ from scenes import ROOM_POSE, Shot, away_from_creases, room, room_camera
 from gscpe.geometry import Camera, PoseDifference, pose_difference, se3
 from gscpe.photos import luminance
 from gscpe.refinement import LucasKanadeSettings
-from gscpe.refinement.lucas_kanade import Alignment, align, build_template
+from gscpe.refinement.lucas_kanade import Alignment, align
 from gscpe.refinement.pyramid import ImageLevel, anchor_pyramid, photo_pyramid
+from gscpe.refinement.template import build_template
 
 CAMERA = room_camera(240, 180)
 WORLD = room(0, smoothness=2.0)

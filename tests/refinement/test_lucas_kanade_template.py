@@ -14,8 +14,8 @@ from scenes import ROOM_POSE, room, room_camera
 from gscpe.geometry import Camera, se3
 from gscpe.geometry.projection import pixel_centres, project, transform_points
 from gscpe.refinement import LucasKanadeSettings
-from gscpe.refinement.lucas_kanade import Template, build_template
 from gscpe.refinement.pyramid import AnchorLevel
+from gscpe.refinement.template import Template, build_template
 
 CAMERA = room_camera(80, 60)
 

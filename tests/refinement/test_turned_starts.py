@@ -10,8 +10,10 @@ from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 from gscpe.geometry import pose_difference, se3
 from gscpe.photos import Photo, luminance
 from gscpe.refinement import RefinementSettings, refine_pose, turned_starts
-from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, build_template
+from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.refinement.pyramid import AnchorLevel, anchor_pyramid, photo_pyramid
+from gscpe.refinement.solver_settings import LucasKanadeSettings
+from gscpe.refinement.template import build_template
 from gscpe.refinement.turned_starts import align_from_turned_starts
 
 CAMERA = room_camera(512, 384)

@@ -19,16 +19,12 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from gscpe.errors import SettingsError
 from gscpe.geometry import se3
 from gscpe.photos import luminance
-from gscpe.refinement.lucas_kanade import (
-    Alignment,
-    LucasKanadeSettings,
-    align,
-    build_template,
-    warp,
-)
+from gscpe.refinement.lucas_kanade import Alignment, align
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.robust import tukey_curvature, tukey_weights
 from gscpe.refinement.sampling import sample_bilinear
+from gscpe.refinement.solver_settings import LucasKanadeSettings
+from gscpe.refinement.template import build_template, warp
 from gscpe.refinement.uncertainty import (
     PoseUncertainty,
     UncertaintySettings,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import assert_same_map, random_scene, some_map
+from helpers import assert_same_map, check_one_wrong_byte, random_scene, some_map
 
 from gscpe.cli.main import main
 from gscpe.errors import MapError, MissingDependencyError, OutputError
@@ -210,20 +210,11 @@ def test_without_gaussforge_the_remedy_is_named(
 
 @pytest.mark.parametrize("name", FILES)
 def test_one_wrong_byte_is_noticed(name: str, folder: Path, map_: Map) -> None:
-    path = folder / name
-    data = path.read_bytes()
-    rng = np.random.default_rng(3)
-    for offset in rng.integers(0, len(data), 8 if name == "map.json" else 60):
-        damaged = bytearray(data)
-        damaged[offset] ^= rng.integers(1, 256)
-        path.write_bytes(damaged)
-        try:
-            opened = open_map(folder)
-        except MapError as error:
-            assert str(folder) in str(error)
-        else:
-            assert name == "map.json", f"byte {offset} of {name} went unnoticed"
-            assert_almost_same(opened, map_)
+    check_one_wrong_byte(
+        folder / name,
+        8 if name == "map.json" else 60,
+        lambda opened: assert_almost_same(opened, map_),
+    )
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import assert_same_map, some_map
+from helpers import assert_same_map, check_one_wrong_byte, some_map
 
 from gscpe.errors import MapError, OutputError, PoseError
 from gscpe.geometry import Camera
@@ -100,20 +100,7 @@ def test_the_working_directory_is_a_folder_too(
 
 @pytest.mark.parametrize("name", FILES)
 def test_one_wrong_byte_is_noticed(name: str, folder: Path, map_: Map) -> None:
-    path = folder / name
-    data = path.read_bytes()
-    rng = np.random.default_rng(3)
-    for offset in rng.integers(0, len(data), 60):
-        damaged = bytearray(data)
-        damaged[offset] ^= rng.integers(1, 256)
-        path.write_bytes(damaged)
-        try:
-            opened = open_map(folder)
-        except MapError as error:
-            assert str(folder) in str(error)
-        else:
-            assert name == "map.json", f"byte {offset} of {name} went unnoticed"
-            assert_same_map(opened, map_)
+    check_one_wrong_byte(folder / name, 60, lambda opened: assert_same_map(opened, map_))
 
 
 @pytest.mark.parametrize("name", FILES)

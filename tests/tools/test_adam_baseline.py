@@ -15,9 +15,9 @@ from scipy.ndimage import gaussian_filter
 from gscpe.geometry import pose_difference, se3
 from gscpe.photos import Photo, luminance
 from gscpe.refinement import LucasKanadeSettings, RefinementObserver, RefinementSettings
-from gscpe.refinement.lucas_kanade import Template, build_template
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.sampling import sample_bilinear
+from gscpe.refinement.template import Template, build_template
 from gscpe.render import RenderedView
 
 CAMERA = room_camera(64, 48)

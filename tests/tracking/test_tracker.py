@@ -7,11 +7,10 @@ import gc
 import time
 from dataclasses import replace
 from itertools import pairwise
-from typing import Iterator
 
 import numpy as np
 import pytest
-from moving_camera import CAMERA, black, foreign, picture, pose, right, the_map, until_found
+from moving_camera import CAMERA, black, foreign, picture, pose, right, until_found
 from scenes import room
 
 from gscpe import (
@@ -26,20 +25,6 @@ from gscpe.geometry import se3
 from gscpe.refinement import LucasKanadeSettings
 from gscpe.tracking.anchors import Anchor
 from gscpe.tracking.follow import Judge
-
-WAITS = TrackingSettings(wait=True)
-
-
-@pytest.fixture(scope="module")
-def localizer() -> Iterator[Localizer]:
-    with Localizer(the_map(), matcher="sift") as localizer:
-        yield localizer
-
-
-@pytest.fixture
-def tracker(localizer: Localizer) -> Iterator[Tracker]:
-    with Tracker(localizer, WAITS) as tracker:
-        yield tracker
 
 
 def until_lost(tracker: Tracker, index: float, seconds: float = 60.0) -> TrackingResult:

@@ -5,11 +5,10 @@ others use, too."""
 from __future__ import annotations
 
 import threading
-from typing import Iterator
 
 import numpy as np
 import pytest
-from moving_camera import CAMERA, picture, pose, right, the_map
+from moving_camera import CAMERA, WAITS, picture, pose, right, the_map
 
 from gscpe import (
     Camera,
@@ -29,20 +28,6 @@ from gscpe.errors import (
     PoseError,
     SettingsError,
 )
-
-WAITS = TrackingSettings(wait=True)
-
-
-@pytest.fixture(scope="module")
-def localizer() -> Iterator[Localizer]:
-    with Localizer(the_map(), matcher="sift") as localizer:
-        yield localizer
-
-
-@pytest.fixture
-def tracker(localizer: Localizer) -> Iterator[Tracker]:
-    with Tracker(localizer, WAITS) as tracker:
-        yield tracker
 
 
 def test_closed_in_the_middle_it_leaves_no_thread() -> None:

@@ -136,10 +136,10 @@ def test_resumed_it_ends_as_if_uninterrupted(tmp_path: Path) -> None:
 
     for stop in stops:
         with pytest.raises(KeyboardInterrupt):
-            train(photos, poses, points, SETTINGS, interrupt, file, stop > 1, seen=seen())
+            train(photos, poses, points, SETTINGS, interrupt, file, resume=stop > 1, seen=seen())
     with pytest.raises(TrainingError, match="other photos, points or settings"):
         train(photos, poses, points, SETTINGS, None, file, resume=True)
-    assert same(whole, train(photos, poses, points, SETTINGS, None, file, True, seen=seen()))
+    assert same(whole, train(photos, poses, points, SETTINGS, None, file, resume=True, seen=seen()))
 
 
 def test_interrupted_it_never_passes_for_finished(tmp_path: Path) -> None:
