@@ -17,7 +17,6 @@ again.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import zlib
 from dataclasses import asdict, replace
@@ -26,6 +25,7 @@ from typing import Any, Iterable, Mapping
 
 import numpy as np
 from _common import progress, read_queries, redkitchen
+from _evidence import add_lines, read_lines
 from verification_photos import Sample, of_elsewhere, of_redkitchen
 from verification_report import TRACKING, plot_roc, print_report
 
@@ -87,29 +87,26 @@ def main() -> int:
 
 def read_evidence(path: Path) -> dict[tuple[str, str], Mapping[str, Any]]:
     """By kind and name of the photo."""
-    if not path.is_file():
-        return {}
-    lines = (json.loads(line) for line in path.read_text().splitlines())
-    return {(line["kind"], line["name"]): line for line in lines}
+    return {(line["kind"], line["name"]): line for line in read_lines(path)}
 
 
 def measure(localizer: Localizer, samples: Iterable[Sample], path: Path) -> None:
     """Adds a line a sample to the file."""
-    with path.open("a") as output:
-        for sample in progress(samples, "localize"):
-            if sample.kind == TRACKING:
-                evidence = [aligned_from_beside(localizer, sample)]
-            else:
-                result = localizer.localize(sample.load(), sample.camera)
-                evidence = [of_attempt(a, sample, localizer.settings) for a in result.attempts]
-            line = {
-                "kind": sample.kind,
-                "name": sample.name,
-                "elsewhere": sample.truth is None,
-                "attempts": evidence,
-            }
-            output.write(json.dumps(line) + "\n")
-            output.flush()
+    add_lines(path, (line_of(localizer, each) for each in progress(samples, "localize")))
+
+
+def line_of(localizer: Localizer, sample: Sample) -> dict[str, Any]:
+    if sample.kind == TRACKING:
+        evidence = [aligned_from_beside(localizer, sample)]
+    else:
+        result = localizer.localize(sample.load(), sample.camera)
+        evidence = [of_attempt(a, sample, localizer.settings) for a in result.attempts]
+    return {
+        "kind": sample.kind,
+        "name": sample.name,
+        "elsewhere": sample.truth is None,
+        "attempts": evidence,
+    }
 
 
 def of_attempt(attempt: Attempt, sample: Sample, settings: LocalizerSettings) -> dict[str, Any]:
