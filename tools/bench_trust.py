@@ -40,9 +40,10 @@ from trust_report import print_report
 
 from gscpe import Attempt, LocalizationResult, Localizer, open_map, read_image
 from gscpe.arrays import Float64Array
+from gscpe.coarse import inlier_spread
 from gscpe.errors import CameraError
 from gscpe.geometry import pose_difference, se3
-from gscpe.localization.verification import focal_contradiction, inlier_spread, worst_sigmas
+from gscpe.localization.verification import focal_contradiction, worst_sigmas
 
 
 def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]:

@@ -31,9 +31,10 @@ from verification_report import TRACKING, plot_roc, print_report
 
 from gscpe import LocalizationResult, Localizer, LocalizerSettings, open_map
 from gscpe.arrays import Float64Array
+from gscpe.coarse import inlier_spread
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization import Attempt, VerificationSettings
-from gscpe.localization.verification import compare_stages, inlier_spread
+from gscpe.localization.verification import compare_stages
 from gscpe.photos import to_photo
 from gscpe.poses import read_pose_file
 from gscpe.refinement import RefinementResult, refine_pose

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from gscpe.coarse import CoarseResult
+from gscpe.coarse import CoarseResult, inlier_spread
 from gscpe.geometry import Camera, se3
 from gscpe.localization import FusionSettings, PosePrior
 from gscpe.localization.verification import (
@@ -21,7 +21,6 @@ from gscpe.localization.verification import (
     doubt_about_aligned,
     doubt_about_coarse,
     doubt_about_tracked,
-    inlier_spread,
 )
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
@@ -38,6 +37,7 @@ COARSE = CoarseResult(
     matches=100,
     inliers=64,
     inlier_pixels=np.repeat(GRID, 4, axis=0).astype(np.float64),
+    rival_pixels=np.zeros((0, 2)),
     rms_pixels=0.8,
     rounds=2,
     converged=True,
