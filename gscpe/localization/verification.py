@@ -63,8 +63,8 @@ class VerificationSettings:
     decisive_inliers: int = 200
     decisive_inlier_share: float = 0.55
     decisive_spread: float = 0.55
-    rival_spread: float = 0.7
-    rival_margin: float = 0.2
+    rival_spread: float = 0.65
+    rival_margin: float = 0.15
     decisive_agreement: float = 0.1
     changed_agreement: float = 0.4
     min_tracking_agreement: float = 0.5

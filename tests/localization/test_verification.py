@@ -160,6 +160,38 @@ def test_where_matches_decide_half_of_the_photo_may_have_changed(
 
 
 @pytest.mark.parametrize(
+    ("held", "by_rival", "doubt"),
+    [
+        (16, 8, None),
+        (11, 8, None),
+        (10, 5, "agree with two poses"),
+        (16, 14, "agree with two poses"),
+        (16, 0, "only 44% of the matches agree"),
+    ],
+)
+def test_two_poses(held: int, by_rival: int, doubt: str | None) -> None:
+    """Matches of what has been moved do not count against a pose that holds much more of the
+    photo; less than half of all agree with it."""
+    found = coarse_doubt(
+        matches=550,
+        inliers=240,
+        inlier_pixels=np.repeat(GRID[:held], 15, axis=0).astype(np.float64),
+        rival_pixels=np.repeat(GRID[:by_rival], 15, axis=0).astype(np.float64),
+    )
+    assert found is doubt is None or (found is not None and doubt is not None and doubt in found)
+
+
+def test_few_matches_do_not_excuse_others() -> None:
+    """From 200 on, those of another pose are not counted; here, 150 of 310 agree."""
+    few: dict[str, Any] = {
+        "inlier_pixels": np.repeat(GRID, 10, axis=0)[:150].astype(np.float64),
+        "rival_pixels": np.repeat(GRID[:5], 20, axis=0).astype(np.float64),
+    }
+    doubt = coarse_doubt(matches=310, inliers=150, **few)
+    assert doubt is not None and "only 48% of the matches agree" in doubt
+
+
+@pytest.mark.parametrize(
     ("sigmas", "unit", "doubted"),
     [
         ([0.09, 0.01, 0.01, 0.01, 0.01, 0.05], 1.0, False),
