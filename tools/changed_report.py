@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Sequence
 
@@ -61,7 +62,7 @@ def report(found: Sequence[Found], changes: Sequence[str]) -> None:
         f"holds 95% of\nthe ratios of {_RESAMPLED} samples drawn with replacement from the photos. "
         "NEES: normalized error squared, 6 where\ncovariances are right; and the share below its "
         "95% limit. Time: of a processor, as a multiple of the same\nphotos' without a change. "
-        f"All of it: {sum(f.seconds for f in found):.0f} s.\n"
+        f"All of it: {sum(f.seconds for f in found):.0f} s. Matchers: {_matchers(found)}.\n"
     )
     base = {f.photo: f for f in found if f.change == UNCHANGED}
     rows = [_row(name, [f for f in found if f.change == name], base) for name in changes]
@@ -75,6 +76,12 @@ def report(found: Sequence[Found], changes: Sequence[str]) -> None:
         print("\nNot localized:")
     for each in sorted(lost, key=lambda f: (changes.index(f.change), f.photo)):
         print(f"- {each.change}, {each.photo}: {each.reason}")
+
+
+def _matchers(found: Sequence[Found]) -> str:
+    """Of the results, and how often: without XFeat's weights, all are of SIFT."""
+    counted = Counter(f.matcher or "none" for f in found).most_common()
+    return ", ".join(f"{name} {count}" for name, count in counted)
 
 
 def _row(change: str, its: Sequence[Found], base: dict[str, Found]) -> list[str]:
