@@ -19,6 +19,7 @@ from gscpe.coarse import (
     FocalEstimate,
     FocalSettings,
     PnPSettings,
+    RivalSettings,
 )
 from gscpe.errors import (
     CameraError,
@@ -278,6 +279,7 @@ __all__ = [
     "Renders",
     "ReportSettings",
     "RgbdMapSettings",
+    "RivalSettings",
     "ScaleSource",
     "SceneRun",
     "SequenceError",

@@ -2,39 +2,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole pipeline on photos that were made darker, overexposed, noisy, partly replaced, ...
 
-Every photo is localized as it is and with each change of ``changed_photos.py``, all in one run.
-Prints for each change how many are localized, the errors of these and their ratio to the errors of
-the unchanged photos, whether errors are as large as their covariances say, and the time.
+Every photo is localized as it is and with each change of ``changed_photos.py``. Prints for each
+change how many are localized, the errors of these and their ratio to the errors of the same photos
+without a change, whether errors are as large as their covariances say, and the time.
 
-Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_changed.py MAP [--queries N] [--jobs N]
-           [--only WORD ...] [--left-out] [--evidence FILE.jsonl]
-           [--images DIR --list FILE --truth FILE]
+Usage: GSCPE_DATA=DATA .venv/bin/python tools/bench_changed.py MAP [--queries N] [--costly N]
+           [--jobs N] [--minutes M] [--only WORD ...] [--left-out] [--half odd|even] [--seed N]
+           [--evidence FILE.jsonl] [--report-only] [--images DIR --list FILE --truth FILE]
 
 The photos are RedKitchen's queries of $GSCPE_DATA, or those of --images. With --left-out they are
 the map's own reference photos, each localized without itself: what settings are chosen with must
-not be reported. Every process has one thread.
+not be reported. Nor must the "odd" half of other photos, where it was used for that.
+
+What is in FILE.jsonl already is not measured again, so that a run may be interrupted, and go on
+with more photos: fewer photos are always some of more. Every process has one thread.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
-import json
 import sys
+import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Iterator, Sequence
+from typing import Any, Iterator, Sequence
 
 import cv2
 import numpy as np
-from _common import Case, progress, redkitchen, table
-from changed_photos import CHANGES
-from numpy.typing import NDArray
-from scipy.stats import chi2
+from _common import Case, progress, redkitchen
+from _evidence import add_lines, in_processes, read_lines
+from changed_photos import CHANGES, COSTLY, changed
+from changed_report import UNCHANGED, Found, report
+from trust_jobs import HALVES, spread
 
 from gscpe import Localizer, open_map, read_image
 from gscpe.arrays import UInt8Array
@@ -48,43 +49,6 @@ from gscpe.retrieval import open_describer, search
 from gscpe.scene import Map
 from gscpe.scene.query_list import Query, read_query_list
 
-UNCHANGED = "unchanged"
-_LIMIT = float(chi2(6).ppf(0.95))
-_WRONG = 5.0
-"""Centimetres, or degrees, beyond which a pose is wrong."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """What came of one photo with one change; NaN where there is no pose.
-
-    Attributes:
-        photo, change: names.
-        localized: whether it was.
-        centimetres, degrees: error of the final pose.
-        coarse, aligned: error of these poses, centimetres.
-        normalized: error squared, by the covariance; 6 on average where that is right.
-        sigmas: the largest error along an axis, in its own standard deviations.
-        attempts: how many there were.
-        matcher: of the attempt that the result comes from.
-        reason: why it was not localized.
-        seconds: processor time.
-    """
-
-    photo: str
-    change: str
-    localized: bool
-    centimetres: float
-    degrees: float
-    coarse: float
-    aligned: float
-    normalized: float
-    sigmas: float
-    attempts: int
-    matcher: str
-    reason: str
-    seconds: float
-
 
 @dataclass(frozen=True)
 class Photos:
@@ -95,13 +59,17 @@ class Photos:
         images: folder of the photos; None: the map's references, left out.
         queries, truth: files.
         backend: of the renderer.
+        half: "odd" or "even": every second of them alone.
+        seed: of the changes.
     """
 
     map: str
     images: str
     queries: str | None
     truth: str | None
-    backend: str
+    backend: str = "cpu"
+    half: str | None = None
+    seed: int = 0
 
     def cases(self, map_: Map) -> list[Case]:
         """All photos, unread."""
@@ -114,7 +82,14 @@ class Photos:
             listed = list(read_query_list(self.queries))
             truth = dict(read_pose_file(self.truth).poses)
         nothing = np.zeros((0, 0, 3), dtype=np.uint8)
-        return [Case(q, nothing, truth[q.name]) for q in listed if q.name in truth]
+        cases = [Case(q, nothing, truth[q.name]) for q in listed if q.name in truth]
+        return cases if self.half is None else cases[HALVES.index(self.half) :: len(HALVES)]
+
+    @property
+    def which(self) -> str:
+        """What evidence must have been measured with, to count."""
+        photos = "references" if self.queries is None else "queries"
+        return f"{photos} in {Path(self.map).resolve().name}, seed {self.seed}"
 
 
 class Localizing:
@@ -138,7 +113,7 @@ class Localizing:
         case = self._cases[name]
         image = read_image(Path(self._photos.images) / name)
         if change != UNCHANGED:
-            image = CHANGES[change](image)
+            image = changed(image, change, self._photos.seed)
         others = self._others(name, image, case.query) if self._photos.queries is None else None
         began = time.process_time()
         result = self._localizer.localize(image, case.query.camera, references=others)
@@ -179,111 +154,116 @@ def _localizing(photos: Photos) -> Localizing:
     return Localizing(photos)
 
 
-def _localize(photos: Photos, name: str, change: str) -> Found:
-    """In this process, or in another, which opens the map once."""
+def _begin(photos: Photos) -> None:
+    """Opens the map, once in each process."""
+    _localizing(photos)
+
+
+def _localize(job: tuple[Photos, str, str]) -> Found:
+    photos, name, change = job
     return _localizing(photos)(name, change)
 
 
+def jobs_of(
+    photos: Photos, count: int, costly: int, changes: Sequence[str]
+) -> list[tuple[Photos, str, str]]:
+    """So many photos with each change, and so many with each of those that take long; a photo after
+    the other, evenly spread, so that an interrupted run has seen something of all."""
+    names = [case.query.name for case in photos.cases(open_map(photos.map))]
+    return [
+        (photos, names[i], change)
+        for number, i in enumerate(spread(len(names), count))
+        for change in changes
+        if change not in COSTLY or number < costly
+    ]
+
+
+def measure(
+    path: Path, jobs: Sequence[tuple[Photos, str, str]], processes: int, minutes: float
+) -> None:
+    """Adds a line for each to a file as soon as it is measured; begins none after so long."""
+    if not jobs:
+        return
+    photos = jobs[0][0]
+    _begin(photos)  # compiles what is then loaded by all processes
+    work = _here(jobs, minutes)
+    if processes > 1:
+        work = in_processes(_localize, jobs, processes, minutes, _begin, (photos,))
+    lines = ({"which": photos.which, **asdict(found)} for found in work)
+    add_lines(path, progress(lines, "localize", len(jobs)))
+
+
+def _here(jobs: Sequence[tuple[Photos, str, str]], minutes: float) -> Iterator[Found]:
+    end = time.monotonic() + 60.0 * minutes
+    for job in jobs:
+        if time.monotonic() > end:
+            return
+        yield _localize(job)
+
+
+def read_evidence(path: Path, photos: Photos) -> dict[tuple[str, str], Found]:
+    """By photo and change."""
+    found = {}
+    for line in read_lines(path):
+        values: dict[str, Any] = dict(line)
+        if values.pop("which", None) == photos.which:
+            one = Found(**values)
+            found[one.photo, one.change] = one
+    return found
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("map", help="map folder; of RedKitchen, unless --images is given")
-    parser.add_argument("--queries", type=int, default=20, help="so many, evenly spaced")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
-    parser.add_argument("--only", nargs="+", metavar="WORD", help="changes with one of these words")
-    parser.add_argument("--left-out", action="store_true", help="references instead of queries")
-    parser.add_argument("--backend", default="cpu", choices=("auto", "gl", "cpu"))
-    parser.add_argument("--evidence", type=Path, help="file for a line of JSON a photo and change")
-    parser.add_argument("--images", help="folder of other photos")
-    parser.add_argument("--list", help="of their names and cameras")
-    parser.add_argument("--truth", help="of their poses")
-    options = parser.parse_args()
-    if min(options.queries, options.jobs) < 1:
-        parser.error("--queries and --jobs must be at least 1")
+    options = _options()
     images, listed, truth = options.images, options.list, options.truth
     if images is None:
         data = redkitchen()
         images = str(data / ("references" if options.left_out else "queries"))
         listed, truth = str(data / "queries.txt"), str(data / "truth.txt")
-    elif not (options.left_out or (listed and truth)):
-        parser.error("--images needs --list and --truth, or --left-out")
     if options.left_out:
         listed, truth = None, None
-    changes = [
-        name for name in CHANGES if not options.only or any(word in name for word in options.only)
-    ]
-    photos = Photos(options.map, images, listed, truth, options.backend)
-    found = []
-    with options.evidence.open("w") if options.evidence else nullcontext() as file:
-        for one in measure(photos, options.queries, [UNCHANGED, *changes], options.jobs):
-            found.append(one)
-            if file is not None:
-                print(json.dumps(asdict(one)), file=file, flush=True)
-    report(found, [UNCHANGED, *changes])
+    photos = Photos(
+        *(options.map, images, listed, truth, options.backend, options.half, options.seed)
+    )
+    words = options.only or [""]
+    changes = [UNCHANGED, *(c for c in CHANGES if any(word in c for word in words))]
+    costly = options.queries if options.costly is None else options.costly
+    jobs = jobs_of(photos, options.queries, costly, changes)
+    with tempfile.TemporaryDirectory() as folder:
+        path = options.evidence or Path(folder) / "evidence.jsonl"
+        known = read_evidence(path, photos)
+        missing = [job for job in jobs if job[1:] not in known]
+        if not options.report_only:
+            measure(path, missing, options.jobs, options.minutes)
+            known = read_evidence(path, photos)
+    report([known[job[1:]] for job in jobs if job[1:] in known], changes)
     return 0
 
 
-def measure(photos: Photos, count: int, changes: Sequence[str], jobs: int) -> Iterator[Found]:
-    """Each of so many photos with each change, as they are done."""
-    names = [case.query.name for case in photos.cases(open_map(photos.map))]
-    chosen = np.unique(np.linspace(0, len(names) - 1, min(count, len(names))).astype(int))
-    work = [(photos, names[i], change) for i in chosen for change in changes]
-    if jobs == 1:
-        yield from progress((_localize(*job) for job in work), "photos", len(work))
-        return
-    with limited_threads(1), ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        done = as_completed([pool.submit(_localize, *job) for job in work])
-        yield from progress((job.result() for job in done), "photos", len(work))
-
-
-def report(found: Sequence[Found], changes: Sequence[str]) -> None:
-    """Prints the table."""
-    print(
-        f"{len({f.photo for f in found})} photos. Errors: medians over those that are localized. "
-        f"Wrong: more than {_WRONG:g} cm or degrees off.\nNEES: normalized error squared, 6 where "
-        "covariances are right; and the share below its 95% limit.\n"
-        "Time: of a processor, as a multiple of the unchanged photos' median.\n"
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("map", help="map folder; of RedKitchen, unless --images is given")
+    parser.add_argument("--queries", type=int, default=20, help="so many, evenly spread")
+    parser.add_argument(
+        "--costly", type=int, help="so many of them with changes that take long (default: all)"
     )
-    base = [f for f in found if f.change == UNCHANGED]
-    rows = [_row(name, [f for f in found if f.change == name], base) for name in changes]
-    table(
-        ["photos", "localized", "wrong", "coarse cm", "aligned cm", "final", "ratio (cm / °)",
-         "rms cm", "NEES mean / median", "below limit", "worst, sigmas", "time: median / mean"],
-        rows,
-    )  # fmt: skip
-
-
-def _row(change: str, its: Sequence[Found], base: Sequence[Found]) -> list[str]:
-    there = [f for f in its if f.localized]
-    wrong = sum(max(f.centimetres, f.degrees) > _WRONG for f in there)
-    seconds = np.array([f.seconds for f in its]) / np.median([f.seconds for f in base])
-    found, time_taken = (
-        f"{len(there)} of {len(its)}",
-        f"{_median(seconds):.2f} / {seconds.mean():.2f}",
-    )
-    if not there:
-        return [change, found, str(wrong), *[""] * 8, time_taken]
-    nees = np.array([f.normalized for f in there])
-    cm, degrees = (_median([getattr(f, of) for f in there]) for of in ("centimetres", "degrees"))
-    plain = [f for f in base if f.localized]
-    base_cm, base_degrees = (
-        _median([getattr(f, of) for f in plain]) for of in ("centimetres", "degrees")
-    )
-    return [
-        *(change, found, str(wrong)),
-        *(f"{_median([getattr(f, of) for f in there]):.3f}" for of in ("coarse", "aligned")),
-        f"{cm:.3f} cm / {degrees:.3f}°",
-        f"{cm / base_cm:.2f} / {degrees / base_degrees:.2f}",
-        f"{np.sqrt(np.mean([f.centimetres**2 for f in there])):.3f}",
-        f"{nees.mean():.1f} / {_median(nees):.1f}",
-        f"{100 * np.mean(nees < _LIMIT):.0f}%",
-        f"{max(f.sigmas for f in there):.1f}",
-        time_taken,
-    ]
-
-
-def _median(values: Sequence[float] | NDArray[np.float64]) -> float:
-    known = np.asarray(values)[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="then begin no more")
+    parser.add_argument("--only", nargs="+", metavar="WORD", help="changes with one of these words")
+    parser.add_argument("--left-out", action="store_true", help="references instead of queries")
+    parser.add_argument("--half", choices=sorted(HALVES), help="every second of them alone")
+    parser.add_argument("--seed", type=int, default=0, help="of what has moved or come")
+    parser.add_argument("--backend", default="cpu", choices=("auto", "gl", "cpu"))
+    parser.add_argument("--evidence", type=Path, help="file for a line of JSON a photo and change")
+    parser.add_argument("--report-only", action="store_true", help="measure nothing")
+    parser.add_argument("--images", help="folder of other photos")
+    parser.add_argument("--list", help="of their names and cameras")
+    parser.add_argument("--truth", help="of their poses")
+    options = parser.parse_args()
+    if min(options.queries, options.jobs) < 1 or (options.costly or 0) < 0 or options.seed < 0:
+        parser.error("--queries and --jobs must be at least 1, --costly and --seed at least 0")
+    if options.images and not (options.left_out or (options.list and options.truth)):
+        parser.error("--images needs --list and --truth, or --left-out")
+    return options
 
 
 if __name__ == "__main__":

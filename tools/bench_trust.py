@@ -27,39 +27,29 @@ be interrupted, and go on with more photos: fewer photos are always some of more
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
-import os
 import sys
 import time
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
 import numpy as np
 from _common import progress
+from _evidence import add_lines, in_processes, read_lines
 from trust_jobs import HALVES, Job, jobs_of, read_places
 from trust_report import print_report
 
 from gscpe import Attempt, LocalizationResult, Localizer, open_map, read_image
 from gscpe.arrays import Float64Array
+from gscpe.coarse import inlier_spread
 from gscpe.errors import CameraError
 from gscpe.geometry import pose_difference, se3
-from gscpe.localization.verification import focal_contradiction, inlier_spread, worst_sigmas
+from gscpe.localization.verification import focal_contradiction, worst_sigmas
 
 
 def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]:
     """By map, place of the photo, its name, and camera."""
-    if not path.is_file():
-        return {}
-    known = {}
-    for text in path.read_text().splitlines():
-        try:
-            line = json.loads(text)
-        except ValueError:
-            continue  # the run was killed while it wrote this line: it is measured again
-        known[line["map"], line["place"], line["name"], line["camera"]] = line
-    return known
+    lines = read_lines(path)
+    return {(line["map"], line["place"], line["name"], line["camera"]): line for line in lines}
 
 
 class Bench:
@@ -97,19 +87,14 @@ def measure(path: Path, jobs: Sequence[Job], processes: int, minutes: float, bac
     """Adds a line for each to a file as soon as it is measured; begins none after so long."""
     if not jobs:
         return
-    path.touch()
+    work = _here(jobs, minutes, backend)
+    if processes > 1:
+        work = in_processes(_line, jobs, processes, minutes, _begin, (backend,))
+    add_lines(path, progress(work, "localize", len(jobs)))
+
+
+def _here(jobs: Sequence[Job], minutes: float, backend: str) -> Iterator[dict[str, Any]]:
     end = time.monotonic() + 60.0 * minutes
-    with path.open("a") as output:
-        output.write(_newline_if_cut_off(path))
-        work = _here(jobs, end, backend)
-        if processes > 1:
-            work = _beside(jobs, processes, end, backend)
-        for line in progress(work, "localize", len(jobs)):
-            output.write(json.dumps(line) + "\n")
-            output.flush()
-
-
-def _here(jobs: Sequence[Job], end: float, backend: str) -> Iterator[dict[str, Any]]:
     bench = Bench(backend)
     try:
         for each in jobs:
@@ -118,34 +103,6 @@ def _here(jobs: Sequence[Job], end: float, backend: str) -> Iterator[dict[str, A
             yield bench.line(each)
     finally:
         bench.close()
-
-
-def _beside(
-    jobs: Sequence[Job], processes: int, end: float, backend: str
-) -> Iterator[dict[str, Any]]:
-    """In so many processes of one thread each, in the order in which they are done."""
-    os.environ |= dict.fromkeys(("GSCPE_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    context = multiprocessing.get_context("spawn")
-    waiting = iter(jobs)
-    with ProcessPoolExecutor(processes, context, _begin, (backend,)) as pool:
-        running: set[Future[dict[str, Any]]] = set()
-        while True:
-            while len(running) < processes and time.monotonic() <= end:
-                each = next(waiting, None)
-                if each is None:
-                    break
-                running.add(pool.submit(_line, each))
-            if not running:
-                return
-            done = next(as_completed(running))
-            running.remove(done)
-            yield done.result()
-
-
-def _newline_if_cut_off(path: Path) -> str:
-    """So that what follows a line whose writing was interrupted has a line of its own."""
-    text = path.read_text()
-    return "\n" if text and not text.endswith("\n") else ""
 
 
 def measured(localizer: Localizer, each: Job) -> dict[str, Any]:

@@ -17,7 +17,6 @@ again.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import zlib
 from dataclasses import asdict, replace
@@ -26,14 +25,16 @@ from typing import Any, Iterable, Mapping
 
 import numpy as np
 from _common import progress, read_queries, redkitchen
+from _evidence import add_lines, read_lines
 from verification_photos import Sample, of_elsewhere, of_redkitchen
 from verification_report import TRACKING, plot_roc, print_report
 
 from gscpe import LocalizationResult, Localizer, LocalizerSettings, open_map
 from gscpe.arrays import Float64Array
+from gscpe.coarse import inlier_spread
 from gscpe.geometry import pose_difference, se3
 from gscpe.localization import Attempt, VerificationSettings
-from gscpe.localization.verification import compare_stages, inlier_spread
+from gscpe.localization.verification import compare_stages
 from gscpe.photos import to_photo
 from gscpe.poses import read_pose_file
 from gscpe.refinement import RefinementResult, refine_pose
@@ -87,29 +88,26 @@ def main() -> int:
 
 def read_evidence(path: Path) -> dict[tuple[str, str], Mapping[str, Any]]:
     """By kind and name of the photo."""
-    if not path.is_file():
-        return {}
-    lines = (json.loads(line) for line in path.read_text().splitlines())
-    return {(line["kind"], line["name"]): line for line in lines}
+    return {(line["kind"], line["name"]): line for line in read_lines(path)}
 
 
 def measure(localizer: Localizer, samples: Iterable[Sample], path: Path) -> None:
     """Adds a line a sample to the file."""
-    with path.open("a") as output:
-        for sample in progress(samples, "localize"):
-            if sample.kind == TRACKING:
-                evidence = [aligned_from_beside(localizer, sample)]
-            else:
-                result = localizer.localize(sample.load(), sample.camera)
-                evidence = [of_attempt(a, sample, localizer.settings) for a in result.attempts]
-            line = {
-                "kind": sample.kind,
-                "name": sample.name,
-                "elsewhere": sample.truth is None,
-                "attempts": evidence,
-            }
-            output.write(json.dumps(line) + "\n")
-            output.flush()
+    add_lines(path, (line_of(localizer, each) for each in progress(samples, "localize")))
+
+
+def line_of(localizer: Localizer, sample: Sample) -> dict[str, Any]:
+    if sample.kind == TRACKING:
+        evidence = [aligned_from_beside(localizer, sample)]
+    else:
+        result = localizer.localize(sample.load(), sample.camera)
+        evidence = [of_attempt(a, sample, localizer.settings) for a in result.attempts]
+    return {
+        "kind": sample.kind,
+        "name": sample.name,
+        "elsewhere": sample.truth is None,
+        "attempts": evidence,
+    }
 
 
 def of_attempt(attempt: Attempt, sample: Sample, settings: LocalizerSettings) -> dict[str, Any]:

@@ -3,7 +3,9 @@
 
 Each function takes and returns an (H, W, 3) uint8 RGB image. They work on the stored values,
 without undoing the camera's gamma; but for :func:`dimly_lit` and :func:`lit_by_one_lamp`, which
-take the photo again with less light, as a camera whose exposure cannot be longer.
+take the photo again with less light, as a camera whose exposure cannot be longer. What is left to
+chance is always the same for an image; where parts of the photo are replaced, ``seed`` chooses
+others.
 """
 
 from __future__ import annotations
@@ -122,12 +124,14 @@ def lit_by_one_lamp(image: UInt8Array, ambient: float = 0.02, spread: float = 0.
     return _taken_again(image, ambient + np.exp(-0.5 * squared / (spread * width) ** 2))
 
 
-def replaced(image: UInt8Array, area_share: float, other: UInt8Array | None = None) -> UInt8Array:
+def replaced(
+    image: UInt8Array, area_share: float, other: UInt8Array | None = None, seed: int = 0
+) -> UInt8Array:
     """Blocks of a sixth of each side, strewn over so much of the photo, show what another photo
     (the cup) shows there: furniture moved, and people came."""
     height, width = image.shape[:2]
     other = _cup(width, height) if other is None else other
-    rng = np.random.default_rng(int(image.sum()))
+    rng = _chance(image, seed)
     chosen = rng.permutation(36)[: round(36 * area_share)]
     result = image.copy()
     for block in chosen:
@@ -137,11 +141,11 @@ def replaced(image: UInt8Array, area_share: float, other: UInt8Array | None = No
     return result
 
 
-def with_people(image: UInt8Array, count: int) -> UInt8Array:
+def with_people(image: UInt8Array, count: int, seed: int = 0) -> UInt8Array:
     """So many people stand in front of the camera, each nearly as high as the photo and a sixth of
-    its width; their clothes are of the astronaut's portrait. Always the same for an image."""
+    its width; their clothes are of the astronaut's portrait."""
     height, width = image.shape[:2]
-    rng = np.random.default_rng(int(image.sum()))
+    rng = _chance(image, seed)
     portrait: UInt8Array = skimage.data.astronaut()
     result = image.copy()
     for place in (np.arange(count) + rng.uniform(0.25, 0.75, count)) / count:
@@ -161,12 +165,12 @@ def with_people(image: UInt8Array, count: int) -> UInt8Array:
     return result
 
 
-def rearranged(image: UInt8Array) -> UInt8Array:
+def rearranged(image: UInt8Array, seed: int = 0) -> UInt8Array:
     """Three pieces, each a tenth of the photo, have been moved sideways by a seventh of its width;
     where they stood, there is nothing to see. So three tenths of the photo are wrong, and three
-    tenths moved alike. Always the same for an image."""
+    tenths moved alike."""
     height, width = image.shape[:2]
-    rng = np.random.default_rng(int(image.sum()))
+    rng = _chance(image, seed)
     rows, columns, shift = round(0.36 * height), round(0.28 * width), round(width / 7)
     empty = cv2.GaussianBlur(image, (0, 0), width / 20)
     corners = [
@@ -183,6 +187,10 @@ def rearranged(image: UInt8Array) -> UInt8Array:
             top : top + rows, left : left + columns
         ]
     return result
+
+
+def _chance(image: UInt8Array, seed: int) -> np.random.Generator:
+    return np.random.default_rng([int(image.sum()), seed] if seed else int(image.sum()))
 
 
 def _cup(width: int, height: int) -> UInt8Array:
@@ -215,3 +223,28 @@ CHANGES: dict[str, Callable[[UInt8Array], UInt8Array]] = {
     "three people": partial(with_people, count=3),
     "furniture moved": rearranged,
 }
+
+COSTLY = (
+    "a quarter covered",
+    "stored values x 0.1",
+    "stored values x 0.05",
+    "30% replaced",
+    "50% replaced",
+    "three people",
+    "furniture moved",
+)
+"""Of which most photos take several times as long, because they are not easy."""
+
+_STREWN: dict[str, Callable[[UInt8Array, int], UInt8Array]] = {
+    "30% replaced": lambda image, seed: replaced(image, 0.3, seed=seed),
+    "50% replaced": lambda image, seed: replaced(image, 0.5, seed=seed),
+    "three people": lambda image, seed: with_people(image, 3, seed),
+    "furniture moved": rearranged,
+}
+
+
+def changed(image: UInt8Array, change: str, seed: int = 0) -> UInt8Array:
+    """With one of the ``CHANGES``; another seed puts what has moved or come elsewhere."""
+    if change in _STREWN:
+        return _STREWN[change](image, seed)
+    return CHANGES[change](image)

@@ -6,6 +6,7 @@ from gscpe.coarse.lift import lift
 from gscpe.coarse.loop import CoarseObserver, estimate_coarse_pose
 from gscpe.coarse.one_round import CoarseResult, CoarseSettings, LikePhoto, Round, match_render
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings
+from gscpe.coarse.rival import RivalSettings, inlier_spread
 
 __all__ = [
     "AbsolutePose",
@@ -16,9 +17,11 @@ __all__ = [
     "FocalSettings",
     "LikePhoto",
     "PnPSettings",
+    "RivalSettings",
     "Round",
     "estimate_coarse_pose",
     "estimate_focal_length",
+    "inlier_spread",
     "lift",
     "match_render",
 ]

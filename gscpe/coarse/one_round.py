@@ -12,6 +12,7 @@ from gscpe.arrays import Float32Array, Float64Array, short_repr
 from gscpe.coarse.focal import FocalEstimate, check_focal_length
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
+from gscpe.coarse.rival import RivalSettings, better_spread, find_rival
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.matching import Matcher, Matches
@@ -35,6 +36,7 @@ class CoarseSettings:
         min_inliers: a round on which fewer matches agree is chance, and ends the loop.
         min_opacity: below it a rendered pixel has no surface; nothing is matched there.
         pnp: of each round.
+        rival: when a second pose counts, on which many of the matches agree.
     """
 
     max_rounds: int = 3
@@ -43,13 +45,14 @@ class CoarseSettings:
     min_inliers: int = 8
     min_opacity: float = 0.5
     pnp: PnPSettings = field(default_factory=PnPSettings)
+    rival: RivalSettings = field(default_factory=RivalSettings)
 
     def __post_init__(self) -> None:
         check_whole(self, "max_rounds", least=1)
         check_whole(self, "min_inliers", least=0)
         check_numbers(self, "translation_tolerance", "rotation_tolerance_degrees", least=0)
         check_shares(self, "min_opacity")
-        check_kinds(self, pnp=PnPSettings)
+        check_kinds(self, pnp=PnPSettings, rival=RivalSettings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,8 @@ class CoarseResult:
         matches: matches of that round that could be lifted.
         inliers: those that agree with the pose.
         inlier_pixels: (inliers, 2) where they are in the photo.
+        rival_pixels: (N, 2) where matches are that agree on another pose, which contradicts this
+            one; none where there is no such pose.
         rms_pixels: their reprojection error.
         rounds: renders that were matched.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``; None where there is no pose.
@@ -73,6 +78,7 @@ class CoarseResult:
     matches: int
     inliers: int
     inlier_pixels: Float64Array
+    rival_pixels: Float64Array
     rms_pixels: float
     covariance: Float64Array | None
     rounds: int
@@ -93,6 +99,7 @@ class Round:
         matches: of both.
         points_world, pixels: (N, 3) and (N, 2), the matches that could be lifted.
         estimate: the pose that most of them agree on; None where there is none.
+        rival: another one that many of the others agree on; None where there is none.
     """
 
     view: RenderedView
@@ -101,6 +108,7 @@ class Round:
     points_world: Float64Array
     pixels: Float64Array
     estimate: AbsolutePose | None
+    rival: AbsolutePose | None = None
 
     @property
     def inliers(self) -> int:
@@ -135,6 +143,7 @@ class Round:
             matches=len(self.pixels),
             inliers=self.inliers,
             inlier_pixels=self.inlier_pixels,
+            rival_pixels=self.pixels[:0] if self.rival is None else self.pixels[self.rival.inliers],
             rms_pixels=float("nan") if best is None else best.rms_pixels,
             covariance=None if best is None else best.covariance,
             rounds=rounds,
@@ -166,7 +175,12 @@ def match_render(
     matches = matcher.match(prepared_photo, matcher.prepare(to_uint8(rgb), seen))
     points_world, liftable = lift(view, matches.render_pixels, settings.min_opacity)
     points_world, pixels = points_world[liftable], matches.photo_pixels[liftable]
-    estimate = estimate_absolute_pose(
-        points_world, pixels, camera, np.asarray(view.cam_from_world), settings.pnp
-    )
-    return Round(view, camera, matches, points_world, pixels, estimate)
+    prior = np.asarray(view.cam_from_world)
+    matched = points_world, pixels, camera
+    estimate = estimate_absolute_pose(*matched, prior, settings.pnp)
+    rival = None
+    if estimate is not None:
+        rival = find_rival(*matched, prior, estimate, settings.pnp, settings.rival)
+    if estimate is not None and rival is not None:
+        estimate, rival = better_spread(*matched, estimate, rival, settings.pnp)
+    return Round(view, camera, matches, points_world, pixels, estimate, rival)

@@ -100,8 +100,20 @@ def estimate_absolute_pose(
     if max(counts) < _MIN_POINTS:
         return None
     best = hypotheses[int(np.argmax(counts))]
-    refined = refine_absolute_pose(points_world, pixels, camera, best, settings)
-    seen = matches.projected(refined)
+    return pose_of_inliers(points_world, pixels, camera, best, settings)
+
+
+def pose_of_inliers(
+    points_world: Float64Array,
+    pixels: Float64Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    settings: PnPSettings,
+) -> AbsolutePose | None:
+    """The pose that fits all matches near a first one best, and these matches; None where they are
+    too few. Arguments as :func:`estimate_absolute_pose`, and the first pose, (4, 4)."""
+    refined = refine_absolute_pose(points_world, pixels, camera, cam_from_world, settings)
+    seen = Matches2D3D(points_world, pixels, camera, settings.cells).projected(refined)
     inliers = seen.within(settings.inlier_pixels)
     if inliers.sum() < _MIN_POINTS:
         return None

@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gscpe.arrays import Float64Array
-from gscpe.coarse import CoarseResult, CoarseSettings, Round, match_render
+from gscpe.coarse import CoarseResult, CoarseSettings, Round, inlier_spread, match_render
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.beside import Beside
 from gscpe.localization.light import exposed_like
 from gscpe.localization.observer import Observer
 from gscpe.localization.prepared import PreparedPhoto
-from gscpe.localization.verification import inlier_spread
 from gscpe.matching import Matcher
 from gscpe.ranges import check_shares, check_whole
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose

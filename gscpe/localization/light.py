@@ -11,7 +11,7 @@ from gscpe.arrays import Float32Array, UInt8Array
 from gscpe.coarse import LikePhoto
 from gscpe.photos import Photo
 from gscpe.photos.photo import brightest_channel
-from gscpe.refinement.exposure import ClippingSettings, clipped_share, expose, fit_exposure
+from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_overexposed
 from gscpe.refinement.visibility import OPAQUE
 from gscpe.render import RenderedView
 
@@ -47,7 +47,7 @@ def exposed_like(photo: Photo, settings: ClippingSettings) -> LikePhoto | None:
     """How a render is matched with an overexposed photo: exposed and clipped likewise. Where it
     is clipped, the photo lacks features, and edges seem to lie beside where they are. None for
     other photos."""
-    if clipped_share(photo.rgb, settings) <= settings.min_share_matched:
+    if not is_overexposed(photo.rgb, settings):
         return None
 
     def like_photo(view: RenderedView) -> Float32Array:

@@ -52,6 +52,8 @@ def turned_back(attempt: Attempt, turned: PreparedPhoto) -> Attempt:
             cam_from_world=cam_from_turned @ coarse.focal.cam_from_world,
         )
         coarse = replace(coarse, inlier_pixels=pixels, focal=focal)
+        rival_pixels = pixels_turned_back(coarse.rival_pixels, turned)
+        coarse = replace(coarse, rival_pixels=rival_pixels)
     aligned = _of_the_camera(attempt.aligned, cam_from_turned)
     if aligned is not None and aligned.cam_from_world is not None:
         adjoint = se3.adjoint(cam_from_turned)

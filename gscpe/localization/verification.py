@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.coarse import CoarseResult
+from gscpe.coarse import CoarseResult, inlier_spread
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
@@ -46,6 +46,11 @@ class VerificationSettings:
         decisive_inlier_share: ... as a share of all matches, ...
         decisive_spread: ... and the share of the grid that they hold: more than that of a photo
             whose halves were exchanged.
+        rival_spread: where many matches agree on another pose, which contradicts this one,
+            something has been moved as a whole. Then the matches of this pose must hold this share
+            of the grid, ...
+        rival_margin: ... and by so much more of it than those of the other; if they are also
+            ``decisive_inliers``, those of the other are not counted in the share of all.
         decisive_agreement: what ``min_agreement`` is then. Below ...
         changed_agreement: ... this, what does not look like the map is left out, and the rest is
             aligned again.
@@ -72,6 +77,8 @@ class VerificationSettings:
     decisive_inliers: int = 200
     decisive_inlier_share: float = 0.55
     decisive_spread: float = 0.55
+    rival_spread: float = 0.65
+    rival_margin: float = 0.15
     decisive_agreement: float = 0.1
     changed_agreement: float = 0.4
     min_tracking_agreement: float = 0.5
@@ -88,6 +95,7 @@ class VerificationSettings:
         check_whole(self, "min_inliers", "decisive_inliers", least=0)
         check_shares(self, "min_inlier_share", "min_spread", "min_overlap")
         check_shares(self, "decisive_inlier_share", "decisive_spread")
+        check_shares(self, "rival_spread", "rival_margin")
         agreements = "min_agreement", "min_tracking_agreement", "sure_agreement"
         check_numbers(
             self, *agreements, "decisive_agreement", "changed_agreement", least=-1, most=1
@@ -105,14 +113,6 @@ class VerificationSettings:
         )
 
 
-def inlier_spread(inlier_pixels: Float64Array, camera: Camera) -> float:
-    """Share of a 4x4 grid over the image, in [0, 1], whose cells hold at least one of the
-    pixels, (N, 2)."""
-    columns = np.clip(4.0 * inlier_pixels[:, 0] / camera.width, 0, 3).astype(int)
-    rows = np.clip(4.0 * inlier_pixels[:, 1] / camera.height, 0, 3).astype(int)
-    return len(set(zip(rows.tolist(), columns.tolist(), strict=True))) / 16.0
-
-
 def doubt_about_coarse(
     coarse: CoarseResult, camera: Camera, settings: VerificationSettings
 ) -> str | None:
@@ -127,13 +127,21 @@ def doubt_about_coarse(
             f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed): "
             f"{MORE_IN_VIEW}"
         )
-    share = coarse.inliers / max(coarse.matches, 1)
+    share = inlier_share(coarse, settings)
     if share < settings.min_inlier_share:
         return (
             f"only {share:.0%} of the matches agree ({settings.min_inlier_share:.0%} needed): "
             f"{MORE_IN_VIEW}"
         )
     spread = inlier_spread(coarse.inlier_pixels, camera)
+    if len(coarse.rival_pixels) and spread < max(
+        settings.rival_spread,
+        settings.rival_margin + inlier_spread(coarse.rival_pixels, camera),
+    ):
+        return (
+            f"{coarse.inliers} and {len(coarse.rival_pixels)} matches agree with two poses that "
+            "contradict each other: something has been moved, and it is not clear what has not"
+        )
     if spread < settings.min_spread:
         return (
             f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} "
@@ -142,11 +150,18 @@ def doubt_about_coarse(
     return _doubt_about_focal_length(coarse, camera, settings)
 
 
+def inlier_share(coarse: CoarseResult, settings: VerificationSettings) -> float:
+    """Of the matches, the share that agrees; without those of something that has been moved, where
+    so many are left that they cannot be chance."""
+    moved = len(coarse.rival_pixels) if coarse.inliers >= settings.decisive_inliers else 0
+    return coarse.inliers / max(coarse.matches - moved, 1)
+
+
 def are_decisive(coarse: CoarseResult, camera: Camera, settings: VerificationSettings) -> bool:
     """Whether so many matches agree, from all over the photo, that it shows this place."""
     return (
         coarse.inliers >= settings.decisive_inliers
-        and coarse.inliers >= settings.decisive_inlier_share * coarse.matches
+        and inlier_share(coarse, settings) >= settings.decisive_inlier_share
         and inlier_spread(coarse.inlier_pixels, camera) >= settings.decisive_spread
     )
 

@@ -3,7 +3,8 @@
 
 A gain and a bias fitted over clipped pixels are far off, and leaving these pixels out is no
 better: which ones are clipped depends on their noise. So the render is exposed like the photo,
-clipping included, before the two are compared.
+clipping included, before the two are compared. Where much is clipped, they are compared by the
+darker channels, because seldom all three are clipped.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ _CHOICES = 2
 _SURELY_DARKER = 0.85
 """Than white: what is expected to be so is hardly clipped."""
 _WHITE = 1.0 - 1e-4
+_DARKER = 4.0
+"""How much more the darker of two channels counts: by this, to the power of their difference."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class ClippingSettings:
         value: channels at least this bright, of 255, are clipped (JPEG moves 255 a little).
         min_share: a photo is, when more than this share of its pixels are.
         min_share_matched: share from which renders are exposed like the photo also before they are
-            matched with it.
+            matched with it, and aligned by what their darker channels show.
     """
 
     value: int = 254
@@ -61,6 +64,11 @@ def clipped_share(photo: UInt8Array, settings: ClippingSettings) -> float:
 def is_clipped(photo: UInt8Array, settings: ClippingSettings) -> bool:
     """Whether many of the pixels, (H, W, 3) uint8, are as bright as can be in a channel."""
     return clipped_share(photo, settings) > settings.min_share
+
+
+def is_overexposed(photo: UInt8Array, settings: ClippingSettings) -> bool:
+    """Whether so many are that features, and luminance, miss much of what is there."""
+    return clipped_share(photo, settings) > settings.min_share_matched
 
 
 def fit_exposure(
@@ -126,6 +134,19 @@ def expose(render: Float32Array, gain: float, bias: float) -> Float32Array:
     """The render, (H, W, 3), as a camera with this exposure takes it."""
     exposed = np.clip(np.float32(gain) * render + np.float32(bias), 0.0, 1.0)
     return np.asarray(exposed, dtype=np.float32)
+
+
+def darker_channels(image: UInt8Array | Float32Array) -> Float32Array:
+    """Grey, (H, W), of (H, W, 3): between the mean of the channels and the darkest of them (a soft
+    minimum); bytes become [0, 1].
+
+    Where two of three channels are clipped, luminance hardly shows what the third one tells, and
+    its gradients drown among those of pixels that are not clipped.
+    """
+    per_byte = _DARKER / 255.0 if image.dtype == np.uint8 else _DARKER
+    weights = cv2.exp(np.float32(-per_byte) * image.astype(np.float32))
+    mean = cv2.transform(np.asarray(weights), np.full((1, 3), 1.0 / 3.0, dtype=np.float32))
+    return np.asarray(cv2.log(mean) * np.float32(-1.0 / _DARKER), dtype=np.float32)
 
 
 def without_flat_white(level: AnchorLevel) -> AnchorLevel:

@@ -11,7 +11,14 @@ from gscpe.arrays import BoolArray, Float32Array
 from gscpe.photos import Photo, luminance
 from gscpe.photos.photo import brightest_channel
 from gscpe.ranges import check_kinds
-from gscpe.refinement.exposure import ClippingSettings, expose, fit_exposure, is_clipped
+from gscpe.refinement.exposure import (
+    ClippingSettings,
+    darker_channels,
+    expose,
+    fit_exposure,
+    is_clipped,
+    is_overexposed,
+)
 from gscpe.refinement.illumination import IlluminationSettings, fit_illumination
 from gscpe.render import RenderedView
 
@@ -29,7 +36,7 @@ class LightSettings:
 
 @dataclass(frozen=True, eq=False)
 class LitRender:
-    """A render's luminance as the photo's light and exposure make it.
+    """A render in grey, as the photo's light and exposure make it.
 
     Attributes:
         image: (H, W) float32.
@@ -47,15 +54,22 @@ class LitRender:
 
 
 class PhotoLight:
-    """What is known of a photo's light before it is compared with renders."""
+    """What is known of a photo's light before it is compared with renders.
+
+    Attributes:
+        grey: (H, W) float32 in [0, 1], of the photo: what is compared. Its luminance, unless much
+            of it is clipped.
+    """
 
     def __init__(self, photo: Photo, settings: LightSettings) -> None:
         self._photo = photo
         self._settings = settings
         self._clipped = is_clipped(photo.rgb, settings.clipping)
+        overexposed = self._clipped and is_overexposed(photo.rgb, settings.clipping)
+        self._in_grey = darker_channels if overexposed else luminance
         usable = brightest_channel(photo.rgb) < settings.clipping.value
         self._usable = usable if photo.valid is None else usable & photo.valid
-        self._luminance = luminance(photo.rgb)
+        self.grey = self._in_grey(photo.rgb)
 
     def of(self, view: RenderedView, mask: BoolArray) -> LitRender:
         """A render, from about the same pose, as this light shows it where ``mask``, (H, W),
@@ -64,9 +78,9 @@ class PhotoLight:
         if self._clipped:
             exposure = fit_exposure(view.rgb, self._photo.rgb, mask, self._settings.clipping)
         gain, bias = exposure or (1.0, 0.0)
-        image = luminance(view.rgb if exposure is None else expose(view.rgb, gain, bias))
+        image = self._in_grey(view.rgb if exposure is None else expose(view.rgb, gain, bias))
         uneven = fit_illumination(
-            image, self._luminance, mask & self._usable, self._settings.illumination
+            image, self.grey, mask & self._usable, self._settings.illumination
         )
         if uneven is None:
             return LitRender(image, exposure is not None, exposure is not None, gain, bias)

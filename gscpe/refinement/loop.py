@@ -10,7 +10,7 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array
 from gscpe.geometry.pose_error import PoseDifference, pose_difference
-from gscpe.photos import Photo, luminance
+from gscpe.photos import Photo
 from gscpe.refinement.agreement import photometric_agreement
 from gscpe.refinement.exposure import without_flat_white
 from gscpe.refinement.levels import PreparedAnchor, TurnedStarts, align_levels
@@ -111,7 +111,7 @@ class _AnchorAlignment:
         self._compared = min(settings.agreement_level, halvings)
         self._light = PhotoLight(photo, settings.light)
         self._photo_levels = photo_pyramid(
-            luminance(photo.rgb),
+            self._light.grey,
             _all_valid(photo) if photo.valid is None else photo.valid,
             photo.camera,
             max(self._levels, self._compared),

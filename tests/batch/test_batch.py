@@ -55,7 +55,7 @@ class Stub:
             return LocalizationResult(False, "too dark", None, None, camera, None, (), seconds)
         coarse_pose = se3.exp([0.01, 0, 0, 0, 0, 0]) @ pose_of(number)
         coarse = CoarseResult(
-            coarse_pose, 50, 40, np.zeros((40, 2)), 0.5, 1e-6 * np.eye(6), 2, True
+            coarse_pose, 50, 40, np.zeros((40, 2)), np.zeros((0, 2)), 0.5, 1e-6 * np.eye(6), 2, True
         )
         nan = float("nan")
         aligned = RefinementResult(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from gscpe.coarse import CoarseResult
+from gscpe.coarse import CoarseResult, inlier_spread
 from gscpe.geometry import Camera, se3
 from gscpe.localization import FusionSettings, PosePrior
 from gscpe.localization.verification import (
@@ -21,7 +21,6 @@ from gscpe.localization.verification import (
     doubt_about_aligned,
     doubt_about_coarse,
     doubt_about_tracked,
-    inlier_spread,
     sigmas_text,
 )
 from gscpe.refinement import RefinementResult
@@ -39,6 +38,7 @@ COARSE = CoarseResult(
     matches=100,
     inliers=64,
     inlier_pixels=np.repeat(GRID, 4, axis=0).astype(np.float64),
+    rival_pixels=np.zeros((0, 2)),
     rms_pixels=0.8,
     rounds=2,
     converged=True,
@@ -158,6 +158,38 @@ def test_where_matches_decide_half_of_the_photo_may_have_changed(
     aligned = replace(ALIGNED, agreement=agreement)
     doubt = doubt_about_aligned(coarse, aligned, CAMERA, SETTINGS, FUSION, FRAME)
     assert (doubt is not None and "does not look like" in doubt) == doubted
+
+
+@pytest.mark.parametrize(
+    ("held", "by_rival", "doubt"),
+    [
+        (16, 8, None),
+        (11, 8, None),
+        (10, 5, "agree with two poses"),
+        (16, 14, "agree with two poses"),
+        (16, 0, "only 44% of the matches agree"),
+    ],
+)
+def test_two_poses(held: int, by_rival: int, doubt: str | None) -> None:
+    """Matches of what has been moved do not count against a pose that holds much more of the
+    photo; less than half of all agree with it."""
+    found = coarse_doubt(
+        matches=550,
+        inliers=240,
+        inlier_pixels=np.repeat(GRID[:held], 15, axis=0).astype(np.float64),
+        rival_pixels=np.repeat(GRID[:by_rival], 15, axis=0).astype(np.float64),
+    )
+    assert found is doubt is None or (found is not None and doubt is not None and doubt in found)
+
+
+def test_few_matches_do_not_excuse_others() -> None:
+    """From 200 on, those of another pose are not counted; here, 150 of 310 agree."""
+    few: dict[str, Any] = {
+        "inlier_pixels": np.repeat(GRID, 10, axis=0)[:150].astype(np.float64),
+        "rival_pixels": np.repeat(GRID[:5], 20, axis=0).astype(np.float64),
+    }
+    doubt = coarse_doubt(matches=310, inliers=150, **few)
+    assert doubt is not None and "only 48% of the matches agree" in doubt
 
 
 @pytest.mark.parametrize(

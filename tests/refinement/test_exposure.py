@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from scenes import ROOM_POSE, RayCastRenderer, room, room_camera
 
 from gscpe.errors import SettingsError
-from gscpe.geometry import pose_difference, se3
+from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.photos import Photo
 from gscpe.refinement import RefinementResult, RefinementSettings, refine_pose
 from gscpe.refinement import light as refinement_light
@@ -18,6 +20,7 @@ from gscpe.refinement import loop as refinement_loop
 from gscpe.refinement.exposure import (
     ClippingSettings,
     clipped_share,
+    darker_channels,
     expose,
     fit_exposure,
     is_clipped,
@@ -26,6 +29,7 @@ from gscpe.refinement.exposure import (
 from gscpe.refinement.pyramid import AnchorLevel
 from gscpe.refinement.solver_settings import LucasKanadeSettings
 from gscpe.refinement.template import build_template
+from gscpe.render import RenderedView
 
 CAMERA = room_camera(240, 180)
 CLIPPING = ClippingSettings()
@@ -151,6 +155,47 @@ def test_what_is_white_in_both_does_not_make_it_sure(
     monkeypatch.setattr(refinement_loop, "without_flat_white", lambda level: level)
     assert without > 0.01
     assert without > 2 * residual()
+
+
+def test_darker_channels_are_white_only_where_all_are() -> None:
+    pixels = np.array([[[1, 1, 1], [1, 1, 0.4], [0.3, 0.3, 0.3], [0, 0, 0]]], dtype=np.float32)
+    white, red, grey, black = darker_channels(pixels)[0]
+    np.testing.assert_allclose([white, grey, black], [1.0, 0.3, 0.0], atol=1e-6)
+    assert 0.4 < red < np.mean([1, 1, 0.4])
+    # Of what the third channel shows there, most is seen; of luminance, a ninth.
+    brighter = darker_channels(pixels + np.array([0, 0, 0.01], dtype=np.float32))[0, 1]
+    assert 0.8 < (brighter - red) / 0.01 < 1.0
+
+
+def test_darker_channels_of_bytes() -> None:
+    image = taken(1.5)
+    expected = darker_channels(image.astype(np.float32) / np.float32(255.0))
+    np.testing.assert_allclose(darker_channels(image), expected, atol=1e-5)
+
+
+def test_channels_that_are_not_clipped_tell_the_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In yellow light, red and green are clipped nearly everywhere, and blue is not."""
+    yellow = np.array([1.0, 1.0, 0.3], dtype=np.float32)
+    picture = np.clip(6.0 * yellow * SHOT.rgb, 0, 1)
+    assert np.mean(picture[..., :2] == 1) > 0.9
+    assert np.mean(picture[..., 2] == 1) < 0.5
+
+    class Yellow(RayCastRenderer):
+        def render(self, camera: Camera, cam_from_world: NDArray[np.float64]) -> RenderedView:
+            view = super().render(camera, cam_from_world)
+            return replace(view, rgb=yellow * view.rgb)
+
+    def error(seed: int) -> float:
+        noise = 0.03 * np.random.default_rng(seed).normal(size=picture.shape)
+        photo = Photo(np.rint(255 * np.clip(picture + noise, 0, 1)).astype(np.uint8), CAMERA)
+        found = refine_pose(Yellow(room()), photo, ROOM_POSE, RefinementSettings())
+        assert found.cam_from_world is not None
+        return pose_difference(found.cam_from_world, ROOM_POSE).distance
+
+    by_darker = np.mean([error(seed) for seed in range(4)])
+    monkeypatch.setattr(refinement_light, "is_overexposed", lambda *_: False)
+    by_luminance = np.mean([error(seed) for seed in range(4)])
+    assert by_darker < 0.8 * by_luminance, (by_darker, by_luminance)
 
 
 def test_shares_and_impossible_settings() -> None:
