@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 from gscpe.localization.starts import PosePrior
-from gscpe.ranges import check_numbers, check_shares, check_whole
+from gscpe.localization.wrong_camera import CameraCheckSettings, doubt_about_camera
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
 
@@ -45,10 +46,8 @@ class VerificationSettings:
         max_sigma_degrees: ... the same for the rotation; more: the photo does not determine the
             pose. If only the alignment does not, the deviations of the mean with the matches must
             be at most half of this.
-        max_focal_error: largest relative difference, beyond chance, between the camera's focal
-            length and the one that fits the matches; more: the intrinsics are wrong. A smaller
-            difference goes into the covariance.
         prior_sigmas: deviations of a prior by which an alignment without matches may leave it.
+        camera: how far matches may contradict the camera.
     """
 
     min_inliers: int = 20
@@ -67,8 +66,8 @@ class VerificationSettings:
     max_shift_degrees: float = 3.0
     max_sigma: float = 0.1
     max_sigma_degrees: float = 3.0
-    max_focal_error: float = 0.03
     prior_sigmas: float = 4.0
+    camera: CameraCheckSettings = field(default_factory=CameraCheckSettings)
 
     def __post_init__(self) -> None:
         check_whole(self, "min_inliers", "decisive_inliers", least=0)
@@ -84,11 +83,11 @@ class VerificationSettings:
             "max_shift_degrees",
             "max_sigma",
             "max_sigma_degrees",
-            "max_focal_error",
             "prior_sigmas",
             least=0,
             infinite=True,
         )
+        check_kinds(self, camera=CameraCheckSettings)
 
 
 def inlier_spread(inlier_pixels: Float64Array, camera: Camera) -> float:
@@ -105,6 +104,9 @@ def doubt_about_coarse(
     """Why the coarse pose cannot be trusted, or None."""
     if coarse.cam_from_world is None:
         return f"no pose agrees with the {coarse.matches} matches between photo and map"
+    wrong = doubt_about_camera(coarse, camera, settings.camera)
+    if wrong is not None and _explains_more(coarse, settings):
+        return wrong
     if coarse.inliers < settings.min_inliers:
         return f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed)"
     share = coarse.inliers / max(coarse.matches, 1)
@@ -115,7 +117,13 @@ def doubt_about_coarse(
         return (
             f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} needed)"
         )
-    return _doubt_about_focal_length(coarse, camera, settings)
+    return wrong
+
+
+def _explains_more(coarse: CoarseResult, settings: VerificationSettings) -> bool:
+    """Whether so many matches agree with another camera that this is what is wrong."""
+    inliers = 0 if coarse.intrinsics is None else coarse.intrinsics.inliers
+    return inliers >= max(settings.min_inliers, settings.min_inlier_share * coarse.matches)
 
 
 def are_decisive(coarse: CoarseResult, camera: Camera, settings: VerificationSettings) -> bool:
@@ -124,26 +132,6 @@ def are_decisive(coarse: CoarseResult, camera: Camera, settings: VerificationSet
         coarse.inliers >= settings.decisive_inliers
         and coarse.inliers >= settings.decisive_inlier_share * coarse.matches
         and inlier_spread(coarse.inlier_pixels, camera) >= settings.decisive_spread
-    )
-
-
-def focal_contradiction(coarse: CoarseResult, camera: Camera) -> float:
-    """By how much the matches ask for other focal lengths than the camera's, as a share of them,
-    beyond what chance explains; 0 where they do not."""
-    if coarse.focal is None:
-        return 0.0
-    chance = coarse.focal.relative_sigma**2 + camera.focal_sigma**2
-    return float(np.sqrt(max(np.log(coarse.focal.ratio) ** 2 - chance, 0.0)))
-
-
-def _doubt_about_focal_length(
-    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
-) -> str | None:
-    if coarse.focal is None or focal_contradiction(coarse, camera) <= settings.max_focal_error:
-        return None
-    return (
-        f"the matches fit {coarse.focal.ratio:.3g} times the camera's focal length: give the "
-        "correct intrinsics, or none to have them estimated"
     )
 
 
