@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from gscpe.coarse import (
     AbsolutePose,
+    CameraEstimate,
     CoarseObserver,
     CoarseResult,
     CoarseSettings,
-    FocalEstimate,
-    FocalSettings,
+    IntrinsicsSettings,
     PnPSettings,
     RivalSettings,
 )
@@ -219,8 +219,8 @@ __all__ = [
     "DescriberModel",
     "EasySettings",
     "Evaluation",
-    "FocalEstimate",
-    "FocalSettings",
+    "CameraEstimate",
+    "IntrinsicsSettings",
     "Frame",
     "FrameCheckSettings",
     "Frames",

@@ -43,7 +43,8 @@ from gscpe.arrays import Float64Array
 from gscpe.coarse import inlier_spread
 from gscpe.errors import CameraError
 from gscpe.geometry import pose_difference, se3
-from gscpe.localization.verification import focal_contradiction, worst_sigmas
+from gscpe.localization.sigmas import worst_sigmas
+from gscpe.localization.wrong_camera import CameraCheckSettings, excess
 
 
 def read_evidence(path: Path) -> dict[tuple[str, str, str, str], dict[str, Any]]:
@@ -155,7 +156,7 @@ def of_attempt(attempt: Attempt, result: LocalizationResult) -> dict[str, Any]:
             "matches": coarse.matches,
             "inlier_share": coarse.inliers / max(coarse.matches, 1),
             "spread": inlier_spread(coarse.inlier_pixels, result.camera),
-            "focal": focal_contradiction(coarse, result.camera),
+            "camera": excess(coarse, result.camera, CameraCheckSettings()),
         }
     if aligned is not None and aligned.cam_from_world is not None:
         assert aligned.covariance is not None

@@ -52,10 +52,11 @@ def result_details(query: Query, result: LocalizationResult, photo: str | None =
             "inliers": coarse.inliers,
             "rms_pixels": _number(coarse.rms_pixels),
             "covariance": None if coarse.covariance is None else coarse.covariance.tolist(),
-            "focal_length": coarse.focal
+            "intrinsics": coarse.intrinsics
             and {
-                "ratio": _number(coarse.focal.ratio),
-                "relative_sigma": _number(coarse.focal.relative_sigma),
+                "camera": coarse.intrinsics.camera.colmap_text(),
+                "change": coarse.intrinsics.change.tolist(),
+                "covariance": coarse.intrinsics.covariance.tolist(),
             },
             "rounds": coarse.rounds,
             "converged": coarse.converged,

@@ -27,7 +27,8 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--camera",
         help=f"camera of the photo, or of all listed photos without one: {CAMERA_HELP}. Without "
-        "it, the focal length of a single photo is estimated; its lens distortion must be small",
+        "it, the camera of a single photo, or one for a whole folder of photos, is estimated; a "
+        "fisheye must be given",
     )
     parser.add_argument(
         "--json", action="store_true", help="print everything about the one photo as JSON"
@@ -83,7 +84,8 @@ def _add_many(parser: argparse.ArgumentParser) -> None:
     many.add_argument(
         "--images",
         metavar="QUERY_DIR",
-        help="folder of the query photos; without --queries, all photos in it, with --camera",
+        help="folder of the query photos; without --queries, all photos in it: of one camera, "
+        "given or estimated",
     )
     many.add_argument("--output", metavar="POSES", help="poses: name qw qx qy qz tx ty tz")
     many.add_argument(
@@ -113,9 +115,7 @@ def run(options: argparse.Namespace) -> int:
     parser: argparse.ArgumentParser = options.parser
     listed = options.queries is not None or (options.photo is None and options.images is not None)
     if (options.photo is None) != listed:
-        parser.error(
-            "give either one photo, or many: --queries with --images, or --images with --camera"
-        )
+        parser.error("give either one photo, or many: --queries with --images, or --images alone")
     one = {"json", "prior"}
     many = {
         *("images", "output", "coarse_output", "details"),
@@ -129,12 +129,10 @@ def run(options: argparse.Namespace) -> int:
     _check_several(options)
     if not listed:
         if Path(options.photo).is_dir():
-            parser.error(f"{options.photo} is a folder; give it as --images, with --camera")
+            parser.error(f"{options.photo} is a folder; give it as --images")
         return localize_photo(options)
     if options.images is None or options.output is None:
         parser.error("many photos need --images and --output")
-    if options.queries is None and options.camera is None:
-        parser.error("--images without --queries needs --camera, one for all photos")
     return localize_queries(options)
 
 

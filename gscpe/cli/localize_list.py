@@ -30,6 +30,7 @@ from gscpe.cli.common import (
     shelf_order_of,
     show_progress,
 )
+from gscpe.cli.folder_camera import estimated_camera
 from gscpe.cli.page import live_page, stay_after
 from gscpe.errors import OutputError, QueryListError
 from gscpe.geometry.camera import Camera
@@ -48,8 +49,7 @@ def localize_queries(options: argparse.Namespace) -> int:
     if options.queries is not None:
         queries = read_query_list(options.queries, camera, options.images)
     else:
-        assert camera is not None
-        queries = folder_queries(options.images, camera)
+        queries = folder_queries(options.images, camera or estimated_camera(options))
     queries = fit_queries(queries, options.images)
     output = Path(options.output)
     if not output.name:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gauss-Newton on reprojection errors, with robust weights: of a pose, or of a pose and a focal
-length."""
+"""Gauss-Newton on reprojection errors, with robust weights: of a pose, or of a pose and its
+camera."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from gscpe.arrays import BoolArray, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.intrinsics import RADIAL, changed_camera, moved_by_intrinsics
 
 _BEHIND = 1e-6
 
@@ -20,7 +21,7 @@ class Equations:
 
     Attributes:
         hessian: (U, U), ``sum w J^T J``; the unknowns are xi in ``exp(xi) @ cam_from_world``, and
-            the logarithm of the focal lengths where that is sought, too.
+            where the camera is sought too, the five of :mod:`gscpe.geometry.intrinsics`.
         gradient: (U,), ``sum w J^T r``.
         weights: (K,) Cauchy's, divided by the number of matches in the cell of each.
         squared: (K,) squared reprojection errors, pixels.
@@ -81,17 +82,20 @@ class Matches2D3D:
         self._camera = camera
         self._cells = _cell_numbers(pixels, camera, cells)
 
-    def projected(self, cam_from_world: Float64Array, zoom: float = 1.0) -> Projected:
-        """From a pose, (4, 4), with so many times the camera's focal lengths."""
-        camera = self._camera
+    def projected(
+        self, cam_from_world: Float64Array, change: Float64Array | None = None
+    ) -> Projected:
+        """From a pose, (4, 4), with a changed camera, (5,); see
+        :func:`gscpe.geometry.intrinsics.changed_camera`."""
         points = cam_from_world[:3, :3] @ self._points + cam_from_world[:3, 3, None]
         ahead = points[2] > _BEHIND
-        z = np.where(ahead, points[2], 1.0)
+        slopes = points[:2] / np.where(ahead, points[2], 1.0)
+        camera = self._camera
+        if change is not None:
+            camera = changed_camera(camera, change)
+            slopes = slopes * (1.0 + change[RADIAL] * np.sum(slopes**2, axis=0))
         errors = self._pixels - np.stack(
-            [
-                points[0] * (zoom * camera.fx) / z + camera.cx,
-                points[1] * (zoom * camera.fy) / z + camera.cy,
-            ]
+            [slopes[0] * camera.fx + camera.cx, slopes[1] * camera.fy + camera.cy]
         )
         squared = np.where(ahead, errors[0] ** 2 + errors[1] ** 2, np.inf)
         return Projected(points, errors, squared)
@@ -102,7 +106,7 @@ class Matches2D3D:
         within_pixels: float,
         noise_pixels: float,
         fewest: int,
-        zoom: float | None = None,
+        change: Float64Array | None = None,
     ) -> Equations | None:
         """Of a step from a pose, (4, 4); None where too few matches are near.
 
@@ -111,38 +115,45 @@ class Matches2D3D:
             within_pixels: reprojection error beyond which a match is not near.
             noise_pixels: scale of the Cauchy weights.
             fewest: near matches that are needed.
-            zoom: times the camera's focal lengths, where these are sought, too.
+            change: (5,) of the camera, where it is sought, too.
         """
-        seen = self.projected(cam_from_world, 1.0 if zoom is None else zoom)
+        seen = self.projected(cam_from_world, change)
         near = np.flatnonzero(seen.within(within_pixels))
         if len(near) < fewest:
             return None
-        (x, y, z), errors, squared = seen.points[:, near], seen.errors[:, near], seen.squared[near]
+        points, errors, squared = seen.points[:, near], seen.errors[:, near], seen.squared[near]
         cells = self._cells[near]
         weights = 1.0 / ((1.0 + squared / noise_pixels**2) * np.bincount(cells)[cells])
-        jacobian = _jacobian(self._camera, x, y, z, zoom).reshape(-1, 2 * len(near))
+        jacobian = _jacobian(self._camera, points, change).reshape(-1, 2 * len(near))
         weighted = jacobian * np.tile(weights, 2)
         return Equations(weighted @ jacobian.T, weighted @ errors.ravel(), weights, squared)
 
 
-def _jacobian(
-    camera: Camera, x: Float64Array, y: Float64Array, z: Float64Array, zoom: float | None
-) -> Float64Array:
+def _jacobian(camera: Camera, points: Float64Array, change: Float64Array | None) -> Float64Array:
     """d pixel / d unknown, (U, 2, K): as :func:`gscpe.geometry.projection.pose_jacobian`, and by
-    the logarithm of the focal lengths where a zoom is given; laid out so that products are fast."""
-    fx, fy = (focal * (1.0 if zoom is None else zoom) for focal in (camera.fx, camera.fy))
-    slope_x, slope_y = x / z, y / z
-    u, v = fx * slope_x, fy * slope_y
-    jacobian = np.empty((6 if zoom is None else 7, 2, len(x)))
-    by_x, by_y, by_z, turn_x, turn_y, turn_z = jacobian[:6]
-    by_x[0], by_x[1] = fx / z, 0.0
-    by_y[0], by_y[1] = 0.0, fy / z
-    by_z[0], by_z[1] = -u / z, -v / z
-    turn_x[0], turn_x[1] = -u * slope_y, -v * slope_y - fy
-    turn_y[0], turn_y[1] = u * slope_x + fx, v * slope_x
-    turn_z[0], turn_z[1] = -fx * slope_y, fy * slope_x
-    if zoom is not None:
-        jacobian[6, 0], jacobian[6, 1] = u, v
+    a further change of the camera where one is given; laid out so that products are fast."""
+    x, y = points[:2] / points[2]
+    nearness = 1.0 / points[2]
+    jacobian = np.zeros((6 if change is None else 11, 2, len(x)))
+    jacobian[0, 0] = jacobian[1, 1] = nearness
+    jacobian[2] = -x * nearness, -y * nearness
+    jacobian[3] = -x * y, -y * y - 1.0
+    jacobian[4] = x * x + 1.0, x * y
+    jacobian[5] = -y, x
+    seen_by = camera
+    if change is not None:
+        seen_by, k1 = changed_camera(camera, change), change[RADIAL]
+        radial = 1.0 + k1 * (x * x + y * y)
+        outwards = jacobian[:6, 0] * x + jacobian[:6, 1] * y
+        jacobian[:6] *= radial
+        jacobian[:6, 0] += 2.0 * k1 * x * outwards
+        jacobian[:6, 1] += 2.0 * k1 * y * outwards
+        jacobian[6:] = moved_by_intrinsics(x, y)
+        jacobian[6:8] *= radial
+        jacobian[8, 0] *= camera.fx / seen_by.fx  # the principal point moves by old ones
+        jacobian[9, 1] *= camera.fy / seen_by.fy
+    jacobian[:, 0] *= seen_by.fx
+    jacobian[:, 1] *= seen_by.fy
     return jacobian
 
 

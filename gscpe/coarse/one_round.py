@@ -9,7 +9,7 @@ from typing import Any, Callable
 import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array, short_repr
-from gscpe.coarse.focal import FocalEstimate, check_focal_length
+from gscpe.coarse.intrinsics import CameraEstimate, check_intrinsics
 from gscpe.coarse.lift import lift
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose
 from gscpe.coarse.rival import RivalSettings, better_spread, find_rival
@@ -70,7 +70,7 @@ class CoarseResult:
         rounds: renders that were matched.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``; None where there is no pose.
         converged: whether the last round moved the pose less than the tolerances.
-        focal: pose and focal length that fit the matches best if the camera's focal length is left
+        intrinsics: pose and camera that fit the matches best if the camera's intrinsics are left
             free; None if there is no pose, or few matches agree.
     """
 
@@ -83,7 +83,7 @@ class CoarseResult:
     covariance: Float64Array | None
     rounds: int
     converged: bool
-    focal: FocalEstimate | None = None
+    intrinsics: CameraEstimate | None = None
 
     def __repr__(self) -> str:
         return short_repr(self)
@@ -133,9 +133,9 @@ class Round:
     def result(self, rounds: int, converged: bool, settings: CoarseSettings) -> CoarseResult:
         """The coarse pose, where this is the best round of so many."""
         best = self.estimate
-        focal = None
+        intrinsics = None
         if best is not None:
-            focal = check_focal_length(
+            intrinsics = check_intrinsics(
                 self.points_world, self.pixels, self.camera, best.cam_from_world, settings.pnp
             )
         return CoarseResult(
@@ -148,7 +148,7 @@ class Round:
             covariance=None if best is None else best.covariance,
             rounds=rounds,
             converged=converged,
-            focal=focal,
+            intrinsics=intrinsics,
         )
 
 

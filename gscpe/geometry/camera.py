@@ -54,13 +54,13 @@ class Camera:
             COLMAP's THIN_PRISM_FISHEYE, (k1, k2, p1, p2, k3, k4, sx1, sy1).
         fisheye: whether the distance from the principal point grows with the angle (times a
             polynomial of it), not with its tangent.
-        focal_sigma: standard deviation of the focal lengths, as a share of them; 0 where they are
-            exact. It goes into the covariance of poses.
-        principal_sigma: ... of either coordinate of the principal point, as a share of the focal
-            lengths. It goes into the covariance of poses too.
+        covariance: how well the camera is known, (5, 5), of ln(f), ln(fy / fx), cx / fx, cy / fy
+            and k1, where f is the geometric mean of both focal lengths; empty: it is exact. It goes
+            into the covariance of poses. See :meth:`unsure`.
 
     Raises:
-        CameraError: a size or a focal length is not positive, or a number is not finite.
+        CameraError: a size or a focal length is not positive, a number is not finite, or the
+            covariance is none.
     """
 
     width: int
@@ -71,8 +71,7 @@ class Camera:
     cy: float
     distortion: tuple[float, ...] = ()
     fisheye: bool = False
-    focal_sigma: float = 0.0
-    principal_sigma: float = 0.0
+    covariance: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for size in (self.width, self.height):
@@ -87,9 +86,11 @@ class Camera:
             raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 8):
             raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
-        for name in ("focal_sigma", "principal_sigma"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise CameraError(f"{name} must be 0 or more, not {getattr(self, name)}")
+        if self.covariance and not _is_covariance(self.covariance):
+            raise CameraError(
+                "a camera's covariance must be empty or 5 rows of 5 finite numbers, symmetric and "
+                "positive semi-definite"
+            )
 
     @classmethod
     def pinhole(
@@ -192,6 +193,44 @@ class Camera:
         words = (repr(float(number)) for number in numbers)  # repr(np.float64) is not a number
         return " ".join([model, str(self.width), str(self.height), *words])
 
+    def unsure(
+        self,
+        *,
+        focal: float = 0.0,
+        aspect: float = 0.0,
+        principal: float = 0.0,
+        radial: float = 0.0,
+    ) -> Camera:
+        """The same camera, known to these standard deviations.
+
+        Args:
+            focal: of the focal lengths, as a share of them.
+            aspect: of fy / fx, as a share of it.
+            principal: of either coordinate of the principal point, as a share of the focal lengths.
+            radial: of k1.
+
+        Raises:
+            CameraError: one is negative, or not finite.
+        """
+        sigmas = np.array([focal, aspect, principal, principal, radial], dtype=np.float64)
+        if not np.all((sigmas >= 0) & (sigmas < np.inf)):
+            raise CameraError(f"standard deviations must be 0 or more, not {sigmas.tolist()}")
+        return self.with_covariance(np.diag(sigmas**2))
+
+    def with_covariance(self, covariance: Float64Array) -> Camera:
+        """The same camera, known so well, (5, 5); see the attribute."""
+        rows = np.asarray(covariance, dtype=np.float64)
+        return replace(self, covariance=tuple(map(tuple, rows.tolist())) if np.any(rows) else ())
+
+    def covariance_matrix(self) -> Float64Array:
+        """(5, 5), of zeros where the camera is exact; see the attribute ``covariance``."""
+        return np.array(self.covariance) if self.covariance else np.zeros((5, 5))
+
+    @property
+    def focal_sigma(self) -> float:
+        """Standard deviation of the focal lengths, as a share of them; 0 where they are exact."""
+        return float(np.sqrt(self.covariance_matrix()[0, 0]))
+
     @property
     def is_pinhole(self) -> bool:
         """Whether the camera is free of distortion."""
@@ -246,6 +285,19 @@ class Camera:
                 f"{what} is {width}x{height}, but its camera is {self.width}x{self.height}; "
                 "give the camera for this image size"
             )
+
+
+def _is_covariance(rows: tuple[tuple[float, ...], ...]) -> bool:
+    try:
+        matrix = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError):
+        return False
+    if matrix.shape != (5, 5) or not np.all(np.isfinite(matrix)):
+        return False
+    smallest = 1e-9 * float(np.abs(matrix).max())
+    return bool(
+        np.all(np.abs(matrix - matrix.T) <= smallest) and np.linalg.eigvalsh(matrix)[0] >= -smallest
+    )
 
 
 def _whole(word: str) -> int:

@@ -41,12 +41,13 @@ def attempt_in_world(attempt: Attempt, frame: MapFrame) -> Attempt:
 def _coarse_in_world(coarse: CoarseResult | None, frame: MapFrame) -> CoarseResult | None:
     if coarse is None or coarse.cam_from_world is None:
         return coarse
+    intrinsics = coarse.intrinsics
     return replace(
         coarse,
         cam_from_world=frame.cam_from_world(coarse.cam_from_world),
         covariance=_covariance_in_world(coarse.covariance, frame),
-        focal=coarse.focal
-        and replace(coarse.focal, cam_from_world=frame.cam_from_world(coarse.focal.cam_from_world)),
+        intrinsics=intrinsics
+        and replace(intrinsics, cam_from_world=frame.cam_from_world(intrinsics.cam_from_world)),
     )
 
 
@@ -58,14 +59,13 @@ def _aligned_in_world(aligned: RefinementResult | None, frame: MapFrame) -> Refi
         cam_from_world=frame.cam_from_world(aligned.cam_from_world),
         covariance=_covariance_in_world(aligned.covariance, frame),
         unshared=_covariance_in_world(aligned.unshared, frame),
-        by_log_focal=_xi_in_world(aligned.by_log_focal, frame),
-        by_principal=_xi_in_world(aligned.by_principal, frame),
+        by_camera=_xi_in_world(aligned.by_camera, frame),
     )
 
 
 def _xi_in_world(by: Float64Array | None, frame: MapFrame) -> Float64Array | None:
-    """Columns of (translation, rotation), (6,) or (6, N), in world units."""
-    return None if by is None else (by.T / np.repeat([frame.scale, 1.0], 3)).T
+    """Columns of (translation, rotation), (6, N), in world units."""
+    return None if by is None else by / np.repeat([frame.scale, 1.0], 3)[:, None]
 
 
 def _covariance_in_world(covariance: Float64Array | None, frame: MapFrame) -> Float64Array | None:

@@ -211,23 +211,27 @@ class Localizer(Closing):
             self.settings.motion_sigma_degrees,
         )
 
-    def estimate_camera(self, image: UInt8Array, guess: Camera | None = None) -> Camera:
-        """The pinhole camera of a photo whose intrinsics are not known, for :meth:`localize`.
-
-        One focal length is estimated, from matches with renders; the principal point is taken
-        to be the guess's, and lens distortion to be small.
+    def estimate_camera(
+        self, image: UInt8Array | Sequence[UInt8Array], guess: Camera | None = None
+    ) -> Camera:
+        """The camera of a photo whose intrinsics are not known, for :meth:`localize`, from matches
+        with renders: its focal length; and as far as they tell, the ratio of its focal lengths, its
+        principal point and the radial distortion of its lens, k1. It knows how sure it is
+        (``Camera.covariance``).
 
         Args:
-            image: (H, W, 3) uint8 RGB, not OpenCV's BGR.
+            image: (H, W, 3) uint8 RGB, not OpenCV's BGR; or several photos that one camera took
+                with one setting of its zoom, all of one size, which tell more.
             guess: for example :func:`gscpe.camera_from_exif`; None: an ordinary lens, and the
                 principal point in the middle.
 
         Raises:
-            CameraError: the focal length cannot be estimated; the message says why.
+            CameraError: the camera cannot be estimated; the message says why.
             PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
+        images = [image] if isinstance(image, np.ndarray) else list(image)
         with self._while_open():
-            return self._unknown_cameras.estimate(image, guess)
+            return self._unknown_cameras.estimate(images, guess)
 
     def render(self, camera: Camera, cam_from_world: Float64Array) -> RenderedView:
         """The map as a camera sees it; as :meth:`gscpe.render.Renderer.render`. The pose,

@@ -17,7 +17,7 @@ from gscpe.localization.border import attempt_in_world
 from gscpe.localization.fusion import fuse_matches_and_alignment
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import StartedFrom
-from gscpe.localization.verification import focal_contradiction
+from gscpe.localization.wrong_camera import contradiction
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
 
@@ -39,9 +39,9 @@ class LocalizationResult:
         cam_from_world: (4, 4) float64, world to camera, the final pose; None when not localized.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), the
             map's world units and radians; None when not localized. Like those of both stages, it
-            includes the uncertainty of the camera's focal length and principal point; and how far
-            the matches contradict the focal length.
-        camera: that was given, or estimated (``focal_sigma`` is not 0 then).
+            includes the uncertainty of the camera (``Camera.covariance``); and how far the matches
+            contradict it.
+        camera: that was given, or estimated (then with a covariance).
         best: the attempt that the result comes from; None when there was nothing to start from.
         attempts: all attempts, in order.
         seconds: wall time by stage: features, retrieval, coarse, refinement, total.
@@ -189,7 +189,8 @@ def _final_pose(
     assert aligned is not None
     assert aligned.cam_from_world is not None
     assert aligned.covariance is not None
-    pose, covariance, contradiction = aligned.cam_from_world, aligned.covariance, 0.0
+    pose, covariance = aligned.cam_from_world, aligned.covariance
+    of_camera = camera.covariance_matrix()
     if coarse is not None and coarse.cam_from_world is not None and coarse.covariance is not None:
         pose, covariance = fuse_matches_and_alignment(
             coarse.cam_from_world,
@@ -199,23 +200,16 @@ def _final_pose(
             settings.fusion,
             aligned.unshared,
         )
-        contradiction = focal_contradiction(coarse, camera)
-    # Wrong intrinsics move matches and alignment alike, so they count after their mean.
-    return pose, covariance + _of_camera(aligned, camera, contradiction)
+        of_camera += contradiction(coarse, camera, settings.verification.camera).covariance
+    # A wrong camera moves matches and alignment alike, so it counts after their mean.
+    return pose, covariance + _of_camera(aligned, of_camera)
 
 
-def _of_camera(
-    aligned: RefinementResult, camera: Camera, contradiction: float = 0.0
-) -> Float64Array:
-    """(6, 6), what a pose is unsure because its camera is."""
-    covariance = np.zeros((6, 6))
-    variance = camera.focal_sigma**2 + contradiction**2
-    if variance > 0 and aligned.by_log_focal is not None:
-        covariance += variance * np.outer(aligned.by_log_focal, aligned.by_log_focal)
-    if camera.principal_sigma > 0 and aligned.by_principal is not None:
-        by_principal = camera.principal_sigma * aligned.by_principal
-        covariance += by_principal @ by_principal.T
-    return covariance
+def _of_camera(aligned: RefinementResult, covariance: Float64Array) -> Float64Array:
+    """(6, 6), what a pose is unsure by because its camera is, (5, 5)."""
+    if aligned.by_camera is None:
+        return np.zeros((6, 6))
+    return np.asarray(aligned.by_camera @ covariance @ aligned.by_camera.T)
 
 
 def _unsure_of_camera(attempt: Attempt, camera: Camera) -> Attempt:
@@ -223,7 +217,7 @@ def _unsure_of_camera(attempt: Attempt, camera: Camera) -> Attempt:
     coarse, aligned = attempt.coarse, attempt.aligned
     if aligned is None or aligned.covariance is None:
         return attempt
-    more = _of_camera(aligned, camera)
+    more = _of_camera(aligned, camera.covariance_matrix())
     aligned = replace(aligned, covariance=aligned.covariance + more)
     if coarse is not None and coarse.covariance is not None:
         coarse = replace(coarse, covariance=coarse.covariance + more)

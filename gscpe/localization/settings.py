@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import NoneType
 
-from gscpe.coarse import CoarseSettings, FocalSettings
+from gscpe.coarse import CoarseSettings, IntrinsicsSettings
 from gscpe.errors import SettingsError
 from gscpe.localization.easy import EasySettings
 from gscpe.localization.fusion import FusionSettings
@@ -76,7 +76,7 @@ class LocalizerSettings:
     retrieval_model: str | Path | None = None
     easy: EasySettings = field(default_factory=EasySettings)
     coarse: CoarseSettings = field(default_factory=CoarseSettings)
-    focal: FocalSettings = field(default_factory=FocalSettings)
+    intrinsics: IntrinsicsSettings = field(default_factory=IntrinsicsSettings)
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
@@ -96,7 +96,7 @@ class LocalizerSettings:
             index=IndexSettings,
             easy=EasySettings,
             coarse=CoarseSettings,
-            focal=FocalSettings,
+            intrinsics=IntrinsicsSettings,
             refinement=RefinementSettings,
             fusion=FusionSettings,
             verification=VerificationSettings,

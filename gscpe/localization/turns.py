@@ -13,13 +13,14 @@ from typing import TypeVar
 import numpy as np
 
 from gscpe.arrays import Float64Array
-from gscpe.coarse import CoarseResult
+from gscpe.coarse import CameraEstimate, CoarseResult
 from gscpe.geometry import se3
 from gscpe.localization.attempt import Attempt
 from gscpe.localization.prepared import PreparedPhoto
 from gscpe.photos import Photo
 from gscpe.photos.orientation import (
     inverse_orientation,
+    numbers_turned,
     turned_camera,
     turned_from_cam,
     turned_image,
@@ -46,24 +47,20 @@ def turned_back(attempt: Attempt, turned: PreparedPhoto) -> Attempt:
     coarse = _of_the_camera(attempt.coarse, cam_from_turned)
     if coarse is not None:
         pixels = pixels_turned_back(coarse.inlier_pixels, turned)
-        focal = coarse.focal and replace(
-            coarse.focal,
-            camera=turned_camera(coarse.focal.camera, inverse_orientation(turned.orientation)),
-            cam_from_world=cam_from_turned @ coarse.focal.cam_from_world,
-        )
-        coarse = replace(coarse, inlier_pixels=pixels, focal=focal)
         rival_pixels = pixels_turned_back(coarse.rival_pixels, turned)
-        coarse = replace(coarse, rival_pixels=rival_pixels)
+        estimate = coarse.intrinsics and estimate_turned_back(coarse.intrinsics, turned.orientation)
+        coarse = replace(
+            coarse, inlier_pixels=pixels, rival_pixels=rival_pixels, intrinsics=estimate
+        )
     aligned = _of_the_camera(attempt.aligned, cam_from_turned)
     if aligned is not None and aligned.cam_from_world is not None:
         adjoint = se3.adjoint(cam_from_turned)
-        unshared, by_log_focal = aligned.unshared, aligned.by_log_focal
-        by_principal, from_turned = aligned.by_principal, cam_from_turned[:2, :2]
+        unshared, by_camera = aligned.unshared, aligned.by_camera
+        numbers = numbers_turned(turned.orientation)
         aligned = replace(
             aligned,
             unshared=None if unshared is None else adjoint @ unshared @ adjoint.T,
-            by_log_focal=None if by_log_focal is None else adjoint @ by_log_focal,
-            by_principal=None if by_principal is None else adjoint @ by_principal @ from_turned.T,
+            by_camera=None if by_camera is None else adjoint @ by_camera @ numbers,
         )
     return replace(
         attempt,
@@ -71,6 +68,19 @@ def turned_back(attempt: Attempt, turned: PreparedPhoto) -> Attempt:
         coarse=coarse,
         aligned=aligned,
         orientation=turned.orientation,
+    )
+
+
+def estimate_turned_back(estimate: CameraEstimate, orientation: int) -> CameraEstimate:
+    """A camera that was estimated from a turned photo, as that of the photo that was taken."""
+    back = inverse_orientation(orientation)
+    numbers = numbers_turned(back)
+    return replace(
+        estimate,
+        camera=turned_camera(estimate.camera, back),
+        cam_from_world=turned_from_cam(back) @ estimate.cam_from_world,
+        change=numbers @ estimate.change,
+        covariance=numbers @ estimate.covariance @ numbers.T,
     )
 
 

@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras whose intrinsics nobody wrote down: the focal length is estimated from matches."""
+"""Cameras whose intrinsics nobody wrote down: they are estimated from matches."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any
+from typing import Any, Sequence
 
 import numpy as np
 
 from gscpe.arrays import Float64Array, UInt8Array
-from gscpe.coarse import CoarseSettings, FocalEstimate, FocalSettings, estimate_focal_length, lift
+from gscpe.coarse import (
+    CameraEstimate,
+    CoarseSettings,
+    IntrinsicsSettings,
+    estimate_intrinsics,
+    lift,
+    probable_camera,
+)
 from gscpe.errors import CameraError, MapError
 from gscpe.geometry.camera import Camera
 from gscpe.localization.chain import Chain
@@ -21,10 +28,10 @@ from gscpe.localization.prepared import PreparedPhoto
 from gscpe.localization.result import NO_FEATURES
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import Start
+from gscpe.localization.turns import estimate_turned_back
 from gscpe.matching import Matcher
-from gscpe.photos import to_photo, to_uint8
+from gscpe.photos import Photo, to_photo, to_uint8
 from gscpe.photos.image_array import check_image
-from gscpe.photos.orientation import inverse_orientation, turned_camera
 from gscpe.photos.photo import resized_photo
 from gscpe.render import Renders
 from gscpe.scene import References
@@ -50,15 +57,16 @@ class UnknownCameras:
     places: Places
     chain: Chain
 
-    def estimate(self, image: UInt8Array, guess: Camera | None) -> Camera:
-        """The pinhole camera of an (H, W, 3) photo.
+    def estimate(self, images: Sequence[UInt8Array], guess: Camera | None) -> Camera:
+        """The camera that took one or several (H, W, 3) photos of one size.
 
         Args:
-            image: uint8 RGB.
+            images: uint8 RGB. One from which it cannot be estimated is left out, unless none is
+                left.
             guess: None: an ordinary lens.
 
         Raises:
-            CameraError: the focal length cannot be estimated.
+            CameraError: the camera cannot be estimated, or the photos have several sizes.
             MapError: the map has no references.
             PhotoError, RenderError, ModelError: as :meth:`gscpe.Localizer.localize`.
         """
@@ -67,27 +75,42 @@ class UnknownCameras:
                 "a focal length cannot be estimated with a map without reference photos; give "
                 "the camera"
             )
-        image = check_image(image, transparent=True)
-        photo = to_photo(image, guess or ordinary_camera(image, self.settings.focal))
-        longer_side = max(photo.camera.width, photo.camera.height)
-        larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)
-        query = PreparedPhoto(resized_photo(photo, larger), self.matcher, Clock())
+        images = [check_image(image, transparent=True) for image in images]
+        if len({image.shape[:2] for image in images}) != 1:
+            raise CameraError("one camera is estimated from one photo or more, all of one size")
+        guess = guess or ordinary_camera(images[0], self.settings.intrinsics)
+        if guess.fisheye:
+            raise CameraError("a fisheye cannot be estimated: give its camera")
+        found, reason = list[CameraEstimate](), ""
+        for image in images:
+            photo = self._resized(to_photo(image, guess))
+            estimate = self._of_photo(photo)
+            if isinstance(estimate, str):
+                reason = trouble_with_light(photo) or estimate
+            else:
+                found.append(estimate)
+        if not found:
+            raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
+        resized = guess.resized(photo.camera.width, photo.camera.height)
+        camera = probable_camera(resized, found, self.settings.intrinsics)
+        return camera.resized(guess.width, guess.height)
+
+    def _of_photo(self, photo: Photo) -> CameraEstimate | str:
+        query = PreparedPhoto(photo, self.matcher, Clock())
         reason = NO_FEATURES
         for start in islice(self.places.starts(query), self.settings.hypotheses):
             estimate = self._from(query, start)
-            if isinstance(estimate, Camera):
-                return estimate.resized(photo.camera.width, photo.camera.height)
+            if isinstance(estimate, CameraEstimate):
+                return estimate
             reason = estimate
         for turned in self.chain.turned(query):
             for start in self.chain.turned_starts(turned):
                 estimate = self._from(turned, start)
-                if isinstance(estimate, Camera):
-                    stored = turned_camera(estimate, inverse_orientation(turned.orientation))
-                    return stored.resized(photo.camera.width, photo.camera.height)
-        reason = trouble_with_light(photo) or reason
-        raise CameraError(f"the camera's focal length cannot be estimated: {reason}")
+                if isinstance(estimate, CameraEstimate):
+                    return estimate_turned_back(estimate, turned.orientation)
+        return reason
 
-    def _from(self, query: PreparedPhoto, start: Start) -> Camera | str:
+    def _from(self, query: PreparedPhoto, start: Start) -> CameraEstimate | str:
         assert start.reference is not None
         index = self.references.names.index(start.reference)
         return estimate_camera(
@@ -98,8 +121,13 @@ class UnknownCameras:
             start.cam_from_world,
             self.references.cameras[index].without_distortion(),
             self.settings.coarse,
-            self.settings.focal,
+            self.settings.intrinsics,
         )
+
+    def _resized(self, photo: Photo) -> Photo:
+        longer_side = max(photo.camera.width, photo.camera.height)
+        larger = min(self._reference_side() / longer_side, self.settings.most_enlarged)
+        return resized_photo(photo, larger)
 
     def _reference_side(self) -> float:
         """The longer side of a typical reference photo, in pixels."""
@@ -107,7 +135,7 @@ class UnknownCameras:
         return float(np.median([max(camera.width, camera.height) for camera in cameras]))
 
 
-def ordinary_camera(image: UInt8Array, settings: FocalSettings) -> Camera:
+def ordinary_camera(image: UInt8Array, settings: IntrinsicsSettings) -> Camera:
     """A guess for an (H, W, 3) image of which nothing is known."""
     height, width = image.shape[:2]
     focal = settings.ordinary * max(height, width)
@@ -122,9 +150,9 @@ def estimate_camera(
     start_cam_from_world: Float64Array,
     start_camera: Camera,
     coarse: CoarseSettings,
-    settings: FocalSettings,
-) -> Camera | str:
-    """The photo's camera; a string says why it cannot be told.
+    settings: IntrinsicsSettings,
+) -> CameraEstimate | str:
+    """Pose and camera of a photo; a string says why they cannot be told.
 
     Two rounds: with a render of the reference as its own camera saw it, then with one from
     where the photo was taken.
@@ -137,26 +165,28 @@ def estimate_camera(
         start_cam_from_world: (4, 4), the reference pose.
         start_camera: pinhole camera of the reference.
         coarse: thresholds of matches.
-        settings: see :class:`gscpe.coarse.FocalSettings`.
+        settings: see :class:`gscpe.coarse.IntrinsicsSettings`.
     """
-    estimate: FocalEstimate | None = None
+    estimate: CameraEstimate | None = None
     view = renderer.render(start_camera, start_cam_from_world)
     near = replace(settings, widest=1 / settings.around, narrowest=settings.around, steps=3)
     for bounds in (settings, near):
         if estimate is not None:
-            view = renderer.render(estimate.camera, estimate.cam_from_world)
+            seen_by = estimate.camera.without_distortion()
+            view = renderer.render(seen_by, estimate.cam_from_world)
         seen = view.opacity >= coarse.min_opacity
         matches = matcher.match(prepared_photo, matcher.prepare(to_uint8(view.rgb), seen))
         points_world, liftable = lift(view, matches.render_pixels, coarse.min_opacity)
-        found = estimate_focal_length(
+        found = estimate_intrinsics(
             points_world[liftable],
             matches.photo_pixels[liftable],
-            guess if estimate is None else estimate.camera,
+            guess,
             coarse.pnp,
             bounds,
+            None if estimate is None else estimate.change,
         )
         if isinstance(found, str):
             return found
         estimate = found
     assert estimate is not None
-    return estimate.camera
+    return estimate

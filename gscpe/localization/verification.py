@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from gscpe.arrays import Float64Array
 from gscpe.coarse import CoarseResult, inlier_spread
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
+from gscpe.localization.sigmas import sigmas_text, worst_sigmas
 from gscpe.localization.starts import PosePrior
-from gscpe.ranges import check_numbers, check_shares, check_whole
+from gscpe.localization.wrong_camera import CameraCheckSettings, doubt_about_camera
+from gscpe.ranges import check_kinds, check_numbers, check_shares, check_whole
 from gscpe.refinement import RefinementResult
 from gscpe.scene import MapFrame
-from gscpe.scene.map_frame import TYPICAL_DEPTH
 
 MORE_IN_VIEW = (
     "if it shows this place, try a photo with more of it in view, taken nearer to the map's "
@@ -28,7 +26,6 @@ _CAMERA_OR_PLACE = (
     "if it shows this place, check the camera's intrinsics and distortion, or make the map again "
     "if the place has changed"
 )
-_HALF_A_TURN = 180.0
 _SURER_PRIOR = "give a larger --prior-sigma (PosePrior), or no prior"
 
 
@@ -64,10 +61,8 @@ class VerificationSettings:
         max_sigma_degrees: ... the same for the rotation; more: the photo does not determine the
             pose. If only the alignment does not, the deviations of the mean with the matches must
             be at most half of this.
-        max_focal_error: largest relative difference, beyond chance, between the camera's focal
-            length and the one that fits the matches; more: the intrinsics are wrong. A smaller
-            difference goes into the covariance.
         prior_sigmas: deviations of a prior by which an alignment without matches may leave it.
+        camera: how far matches may contradict the camera.
     """
 
     min_inliers: int = 20
@@ -88,8 +83,8 @@ class VerificationSettings:
     max_shift_degrees: float = 3.0
     max_sigma: float = 0.1
     max_sigma_degrees: float = 3.0
-    max_focal_error: float = 0.03
     prior_sigmas: float = 4.0
+    camera: CameraCheckSettings = field(default_factory=CameraCheckSettings)
 
     def __post_init__(self) -> None:
         check_whole(self, "min_inliers", "decisive_inliers", least=0)
@@ -106,11 +101,11 @@ class VerificationSettings:
             "max_shift_degrees",
             "max_sigma",
             "max_sigma_degrees",
-            "max_focal_error",
             "prior_sigmas",
             least=0,
             infinite=True,
         )
+        check_kinds(self, camera=CameraCheckSettings)
 
 
 def doubt_about_coarse(
@@ -122,6 +117,15 @@ def doubt_about_coarse(
             f"no pose agrees with the {coarse.matches} matches between photo and map: "
             f"{MORE_IN_VIEW}"
         )
+    wrong = doubt_about_camera(coarse, camera, settings.camera)
+    if wrong is not None and _explains_more(coarse, settings):
+        return wrong
+    return _doubt_about_matches(coarse, camera, settings) or wrong
+
+
+def _doubt_about_matches(
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
+) -> str | None:
     if coarse.inliers < settings.min_inliers:
         return (
             f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed): "
@@ -147,7 +151,13 @@ def doubt_about_coarse(
             f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} "
             f"needed): {MORE_IN_VIEW}"
         )
-    return _doubt_about_focal_length(coarse, camera, settings)
+    return None
+
+
+def _explains_more(coarse: CoarseResult, settings: VerificationSettings) -> bool:
+    """Whether so many matches agree with another camera that this is what is wrong."""
+    inliers = 0 if coarse.intrinsics is None else coarse.intrinsics.inliers
+    return inliers >= max(settings.min_inliers, settings.min_inlier_share * coarse.matches)
 
 
 def inlier_share(coarse: CoarseResult, settings: VerificationSettings) -> float:
@@ -163,26 +173,6 @@ def are_decisive(coarse: CoarseResult, camera: Camera, settings: VerificationSet
         coarse.inliers >= settings.decisive_inliers
         and inlier_share(coarse, settings) >= settings.decisive_inlier_share
         and inlier_spread(coarse.inlier_pixels, camera) >= settings.decisive_spread
-    )
-
-
-def focal_contradiction(coarse: CoarseResult, camera: Camera) -> float:
-    """By how much the matches ask for other focal lengths than the camera's, as a share of them,
-    beyond what chance explains; 0 where they do not."""
-    if coarse.focal is None:
-        return 0.0
-    chance = coarse.focal.relative_sigma**2 + camera.focal_sigma**2
-    return float(np.sqrt(max(np.log(coarse.focal.ratio) ** 2 - chance, 0.0)))
-
-
-def _doubt_about_focal_length(
-    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
-) -> str | None:
-    if coarse.focal is None or focal_contradiction(coarse, camera) <= settings.max_focal_error:
-        return None
-    return (
-        f"the matches fit {coarse.focal.ratio:.3g} times the camera's focal length: give the "
-        "correct intrinsics, or none to have them estimated"
     )
 
 
@@ -299,19 +289,6 @@ def _doubt_about_picture(
     return None
 
 
-def worst_sigmas(covariance: Float64Array, tolerance_unit: float) -> tuple[float, float]:
-    """Metres and degrees in the worst direction.
-
-    In ``exp(xi)`` the camera's centre moves by minus the translation, turned, and by what the
-    rotation does to it, which is nothing: the centre is the origin of its own frame.
-    """
-    translation, rotation = (
-        float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
-        for block in (covariance[:3, :3], covariance[3:, 3:])
-    )
-    return translation * tolerance_unit, float(np.degrees(rotation))
-
-
 def _doubt_about_sigmas(
     metres: float,
     degrees: float,
@@ -325,21 +302,4 @@ def _doubt_about_sigmas(
     return (
         f"the photo does not determine the pose ({sigmas}): try one with more edges and texture "
         "in view, in more than one direction"
-    )
-
-
-def sigmas_text(metres: float, degrees: float, tolerance_unit: float, frame: MapFrame) -> str:
-    """Standard deviations of a pose in the worst direction, for people. Those that are as long as
-    the view is deep, or half a turn, are of a linear model far beyond where it holds: it only says
-    that nothing is known, not how little.
-
-    Args:
-        metres, degrees: see :func:`worst_sigmas`.
-        tolerance_unit: of the pose, with respect to the map.
-        frame: of the map.
-    """
-    length = frame.length_text(min(metres, TYPICAL_DEPTH) / tolerance_unit)
-    return (
-        f"standard deviations of {'more than ' if metres > TYPICAL_DEPTH else ''}{length} and "
-        f"{'more than 180' if degrees > _HALF_A_TURN else f'{degrees:.2f}'} degrees"
     )

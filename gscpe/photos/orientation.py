@@ -20,6 +20,8 @@ QUARTER_TURNS = (1, 6, 3, 8)
 """Orientations that turn the stored photo clockwise by 0, 90, 180 and 270 degrees."""
 
 _ORIENTATION = 0x0112
+_QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
+"""Of directions in the image, clockwise."""
 _MIRRORED = {2: 0, 4: 2, 5: 3, 7: 1}
 """Orientations that mirror left and right first, and the quarter turns after that."""
 
@@ -65,6 +67,7 @@ def turned_camera(camera: Camera, orientation: int) -> Camera:
             cx=camera.width - camera.cx,
             distortion=_distortion_turned(camera, np.diag([-1.0, 1.0])),
         )
+    numbers = numbers_turned(orientation)
     for _ in range(quarters):
         # Clockwise: right becomes down, down becomes left.
         camera = replace(
@@ -75,9 +78,20 @@ def turned_camera(camera: Camera, orientation: int) -> Camera:
             fy=camera.fx,
             cx=camera.height - camera.cy,
             cy=camera.cx,
-            distortion=_distortion_turned(camera, np.array([[0.0, -1.0], [1.0, 0.0]])),
+            distortion=_distortion_turned(camera, _QUARTER),
         )
-    return camera
+    return camera.with_covariance(numbers @ camera.covariance_matrix() @ numbers.T)
+
+
+def numbers_turned(orientation: int) -> Float64Array:
+    """(5, 5), from the five numbers of a small change of the camera that stored the photo (see
+    ``Camera.covariance``) to those of the turned photo's."""
+    mirrored, quarters = _parts(orientation)
+    turned = np.linalg.matrix_power(_QUARTER, quarters) @ np.diag([-1.0 if mirrored else 1.0, 1.0])
+    numbers = np.eye(5)
+    numbers[1, 1] = -1.0 if quarters % 2 else 1.0  # fx and fy change places
+    numbers[2:4, 2:4] = turned
+    return numbers
 
 
 def turned_from_cam(orientation: int) -> Float64Array:
@@ -90,8 +104,7 @@ def turned_from_cam(orientation: int) -> Float64Array:
     if mirrored:
         raise ValueError(f"orientation {orientation} mirrors the photo")
     rotation = np.eye(4)
-    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-    rotation[:2, :2] = np.linalg.matrix_power(quarter, quarters)
+    rotation[:2, :2] = np.linalg.matrix_power(_QUARTER, quarters)
     return rotation
 
 

@@ -183,8 +183,7 @@ class _AnchorAlignment:
         return RefinementResult(
             cam_from_world=last.cam_from_world,
             covariance=uncertainty.covariance,
-            by_log_focal=uncertainty.by_log_focal,
-            by_principal=uncertainty.by_principal,
+            by_camera=uncertainty.by_camera,
             gain=last.light[0],
             bias=last.light[1],
             residual=alignment.residual,

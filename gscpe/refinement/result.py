@@ -17,10 +17,8 @@ class RefinementResult:
             splat that was rendered; in a :class:`gscpe.LocalizationResult`, the user's.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``, (translation, rotation), in the
             same unit and radians.
-        by_log_focal: (6,) derivative of the same xi with respect to the logarithm of the photo's
-            focal lengths.
-        by_principal: (6, 2) ... to its principal point, whose coordinates are counted in focal
-            lengths.
+        by_camera: (6, 5) derivative of the same xi with respect to the five numbers of the photo's
+            camera, see ``Camera.covariance``.
         gain, bias: photo = gain * render + bias, luminance in [0, 1], where it is not clipped.
         residual: robust standard deviation of the photometric residual, luminance.
         agreement: mean local correlation of photo and render, in [-1, 1]; see
@@ -49,8 +47,7 @@ class RefinementResult:
     tolerance_unit: float
     converged: bool
     reason: str | None = None
-    by_log_focal: Float64Array | None = None
-    by_principal: Float64Array | None = None
+    by_camera: Float64Array | None = None
     unshared: Float64Array | None = None
 
     def __repr__(self) -> str:

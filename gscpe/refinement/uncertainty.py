@@ -31,6 +31,7 @@ from gscpe.arrays import Float32Array, Float64Array, IntArray
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.information import covariance_from_information
+from gscpe.geometry.intrinsics import moved_by_intrinsics
 from gscpe.ranges import check_numbers, check_shares, check_whole
 from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.refinement.products import (
@@ -69,16 +70,13 @@ class PoseUncertainty:
         unshared: (6, 6), the part of it that is there because photo and render show hardly any
             gradients in common along some direction: nothing in usual scenes, very much along
             stripes. Whoever compares the two images, by whatever means, knows no better.
-        by_log_focal: (6,) how the pose follows the logarithm of the photo's focal lengths, which
-            the covariance takes as exact.
-        by_principal: (6, 2) ... and its principal point, whose coordinates are counted in focal
-            lengths.
+        by_camera: (6, 5) how the pose follows the five numbers of the photo's camera, see
+            ``Camera.covariance``, which this covariance takes as exact.
     """
 
     covariance: Float64Array
     unshared: Float64Array
-    by_log_focal: Float64Array
-    by_principal: Float64Array
+    by_camera: Float64Array
 
 
 @dataclass(frozen=True)
@@ -173,15 +171,12 @@ def pose_uncertainty(
     # All of it where hardly anything is shared, nothing where enough is.
     blind = np.clip(2.0 - kept / (0.5 * settings.enough_shared), 0.0, 1.0)
     unshared = of_pose(np.sqrt(blind / kept))
-    # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
-    # A principal point that is off moves all points alike, as if by their depth.
-    by_camera = np.ascontiguousarray(gain * template.jacobian[:, :3].T * template.points[2])
-    by_camera[2] *= -1.0
-    right = inner_products(design * weights, by_camera)
-    by_intrinsics = -to_photo @ (inverse @ right)[:6]
-    return PoseUncertainty(
-        _symmetric(covariance), _symmetric(unshared), by_intrinsics[:, 2], by_intrinsics[:, :2]
-    )
+    # The template's slopes times depth are those by x / z and y / z: by moves in focal lengths.
+    by_x, by_y = gain * template.jacobian[:, :2].T * template.points[2]
+    moved = moved_by_intrinsics(*(template.points[:2] / template.points[2]))
+    by_camera = moved[:, 0] * by_x + moved[:, 1] * by_y
+    by_camera = -to_photo @ (inverse @ inner_products(design * weights, by_camera))[:6]
+    return PoseUncertainty(_symmetric(covariance), _symmetric(unshared), by_camera)
 
 
 def _between_blocks(sums: Float64Array, settings: UncertaintySettings) -> Float64Array:

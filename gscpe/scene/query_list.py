@@ -99,12 +99,21 @@ def folder_queries(folder: str | Path, camera: Camera) -> tuple[Query, ...]:
     Raises:
         QueryListError: there are none.
     """
+    return tuple(Query(name, camera) for name in photo_names(folder))
+
+
+def photo_names(folder: str | Path) -> list[str]:
+    """Of all photos of a folder and the folders in it, sorted.
+
+    Raises:
+        QueryListError: there are none.
+    """
     folder = Path(folder)
     paths = (path for path in folder.rglob("*") if path.suffix.lower() in PHOTO_ENDINGS)
     names = sorted(path.relative_to(folder).as_posix() for path in paths if path.is_file())
     if not names:
         raise QueryListError(f"{folder} holds no photos (.jpg, .png, ...)")
-    return tuple(Query(name, camera) for name in names)
+    return names
 
 
 def fit_queries(queries: Sequence[Query], image_folder: str | Path) -> tuple[Query, ...]:

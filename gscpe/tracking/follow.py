@@ -9,7 +9,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.geometry import se3
-from gscpe.localization.verification import sigmas_text, worst_sigmas
+from gscpe.localization.sigmas import sigmas_text, worst_sigmas
 from gscpe.refinement import Alignment
 from gscpe.refinement.agreement import BlockAgreement, block_agreement
 from gscpe.refinement.levels import TurnedStarts, align_levels
@@ -137,10 +137,9 @@ def covariance_of(
     uncertainty = pose_uncertainty(
         *(judged, frame.levels[0], followed.alignment, settings.solver, settings.uncertainty)
     )
-    by_focal = frame.camera.focal_sigma * uncertainty.by_log_focal
-    by_principal = frame.camera.principal_sigma * uncertainty.by_principal
-    by_camera = np.outer(by_focal, by_focal) + by_principal @ by_principal.T
-    return np.asarray(uncertainty.covariance + by_camera)
+    by_camera = uncertainty.by_camera
+    of_camera = by_camera @ frame.camera.covariance_matrix() @ by_camera.T
+    return np.asarray(uncertainty.covariance + of_camera)
 
 
 class Judge:

@@ -14,7 +14,7 @@ from scenes import ROOM_POSE, room, room_camera, room_map
 
 from gscpe.batch.to_files import write_poses
 from gscpe.cli.main import main
-from gscpe.geometry import pose_difference, se3
+from gscpe.geometry import Camera, pose_difference, se3
 from gscpe.photos import write_image
 from gscpe.poses.hloc import format_pose, read_poses
 from gscpe.scene import save_map
@@ -91,6 +91,42 @@ def test_one_camera_for_all(photos: str, listed: bool, folder: Path, tmp_path: P
     check(tmp_path / "poses.txt")
 
 
+def test_the_camera_of_a_folder_is_estimated(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One from all photos of the size that most have; and the same when the run is resumed."""
+    photos, output = tmp_path / "photos", tmp_path / "poses.txt"
+    shutil.copytree(folder / "photos", photos)
+    write_image(photos / "other.png", np.zeros((30, 40, 3), np.uint8))
+    command = ["localize", str(folder / "room.gsmap"), "--images", str(photos)]
+    assert main([*command, "--output", str(output), "--workers", "1"]) == 0
+    error = capsys.readouterr().err
+    assert "other.png is 40x30, but its camera is 240x180" in error
+    text = next(line for line in error.splitlines() if line.startswith("camera: "))
+    assert text.endswith("(estimated from up to 2 photos)")
+    camera = Camera.parse(text.split()[1])
+    assert camera.fx == pytest.approx(CAMERA.fx, rel=0.02)
+    found = read_poses(output)
+    assert set(found) == set(POSES)
+    for name, pose in found.items():
+        assert pose_difference(pose, POSES[name]).distance < 0.03
+    details = [json.loads(line) for line in output.with_suffix(".details.jsonl").open()]
+    assert {detail["camera"].replace(" ", ",") for detail in details} == {text.split()[1]}
+    assert main([*command, "--output", str(output), "--resume"]) == 0
+
+
+def test_a_folder_without_a_photo_has_no_camera(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    command = ["localize", str(folder / "room.gsmap"), "--images", str(photos)]
+    for message in ("holds no photos", "holds no photo that can be read"):
+        assert main([*command, "--output", str(tmp_path / "poses.txt")]) == 2
+        assert message in capsys.readouterr().err
+        (photos / "a.png").write_bytes(b"no picture")
+
+
 def test_a_photo_of_another_size_is_named(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,7 +147,6 @@ def test_a_photo_of_another_size_is_named(
     ("arguments", "message"),
     [
         (["photos"], "is a folder; give it as --images"),
-        (["--images", "photos", "--output", "p.txt"], "needs --camera"),
         (["--images", "photos", "--camera", "x"], "need --images and --output"),
         (
             ["--queries", "q.txt", "--images", "photos", "--output", "p.txt", "--json"],

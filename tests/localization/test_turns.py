@@ -78,8 +78,8 @@ def test_any_quarter_turn_is_found(orientation: int) -> None:
     xi = se3.log(true_pose @ se3.inverse(result.cam_from_world))
     assert np.all(np.abs(xi) < 5.0 * np.sqrt(np.diag(result.covariance)))
     # A principal point further right looks like a turn to the left; further down, like one up.
-    by_principal = result.aligned.by_principal
-    assert by_principal is not None and by_principal[4, 0] < 0 < by_principal[3, 1]
+    by_camera = result.aligned.by_camera
+    assert by_camera is not None and by_camera[4, 2] < 0 < by_camera[3, 3]
     height, width = stored.shape[:2]
     assert view.rgb.shape == stored.shape
     pixels = result.coarse.inlier_pixels

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One camera for a folder of photos, where none is given."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from gscpe.cli.common import localizer_settings
+from gscpe.errors import QueryListError
+from gscpe.geometry.camera import Camera
+from gscpe.localization import Localizer
+from gscpe.photos import read_image
+from gscpe.photos.exif import camera_from_exif
+from gscpe.photos.photo_size import photo_size_or_none
+from gscpe.scene.query_list import photo_names
+
+MOST_PHOTOS = 12
+"""From which the camera is estimated."""
+
+
+def estimated_camera(options: argparse.Namespace) -> Camera:
+    """That of ``--images``, from some of the photos there, evenly spread over those of the most
+    common size; the others are no photos of this camera.
+
+    Raises:
+        QueryListError: there are no photos.
+        CameraError: the camera cannot be estimated.
+        GscpeError: as of :class:`gscpe.Localizer`.
+    """
+    folder = Path(options.images)
+    sizes = {name: photo_size_or_none(folder / name) for name in photo_names(folder)}
+    common = Counter(size for size in sizes.values() if size is not None).most_common(1)
+    if not common:
+        raise QueryListError(f"{folder} holds no photo that can be read")
+    alike = [name for name, size in sizes.items() if size == common[0][0]]
+    few = np.unique(np.linspace(0, len(alike) - 1, MOST_PHOTOS).astype(int))
+    paths = [folder / alike[index] for index in few]
+    settings = localizer_settings(options)
+    with Localizer(options.map, settings, options.matcher, options.backend) as localizer:
+        images = [read_image(path)[:, :, :3] for path in paths]
+        camera = localizer.estimate_camera(images, camera_from_exif(paths[0]))
+    text = camera.colmap_text().replace(" ", ",")
+    print(f"camera: {text} (estimated from up to {len(paths)} photos)", file=sys.stderr)
+    return camera
