@@ -15,10 +15,10 @@ from gscpe.coarse.unknown_intrinsics import (
 
 __all__ = [
     "AbsolutePose",
+    "CameraEstimate",
     "CoarseObserver",
     "CoarseResult",
     "CoarseSettings",
-    "CameraEstimate",
     "IntrinsicsSettings",
     "LikePhoto",
     "PnPSettings",
