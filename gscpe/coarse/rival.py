@@ -27,8 +27,8 @@ class RivalSettings:
         min_inliers: matches that the first must have: fewer may be chance, of which more may be
             left.
         min_share: of these, so many must agree with the second.
-        min_pixels: by which the second moves what it explains from where the first has it
-            (median): nearer ones are the same pose, in a map that is a little bent.
+        min_pixels: by which one of them has what the other explains elsewhere (median): nearer ones
+            are the same pose, in a map that is a little bent.
     """
 
     min_inliers: int = 100
@@ -78,13 +78,28 @@ def find_rival(
     if found is None or found.inliers.sum() < least:
         return None
     theirs = left[found.inliers]
-    seen = Matches2D3D(points_world[theirs], pixels[theirs], camera, pnp.cells)
-    apart = np.sqrt(np.median(seen.projected(first.cam_from_world).squared))
+    # What is far away moves little when the camera does: so each is asked for what the other has.
+    apart = max(
+        _misses(points_world[its], pixels[its], camera, other.cam_from_world, pnp)
+        for its, other in ((theirs, first), (np.flatnonzero(first.inliers), found))
+    )
     if apart < settings.min_pixels:
         return None
     inliers = np.zeros(len(pixels), dtype=bool)
     inliers[theirs] = True
     return replace(found, inliers=inliers)
+
+
+def _misses(
+    points_world: Float64Array,
+    pixels: Float64Array,
+    camera: Camera,
+    cam_from_world: Float64Array,
+    pnp: PnPSettings,
+) -> float:
+    """Median of the pixels by which a pose has matches beside where they are."""
+    seen = Matches2D3D(points_world, pixels, camera, pnp.cells).projected(cam_from_world)
+    return float(np.sqrt(np.median(seen.squared)))
 
 
 def better_spread(

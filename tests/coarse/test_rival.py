@@ -66,6 +66,19 @@ def test_chance_and_small_things_are_no_rival(share: float, rng: np.random.Gener
     assert find_rival(*matches, CAMERA, np.eye(4), first, PNP, SETTINGS) is None
 
 
+def test_what_is_far_away_contradicts_a_camera_that_is_elsewhere(rng: np.random.Generator) -> None:
+    """What has been moved, 2 m away, has the camera 12 cm aside; the trees, 10 m away, that do not
+    agree are then only 6 pixels off."""
+    aside = np.asarray(se3.exp([0.12, 0, 0, 0, 0, 0]) @ STAYED)
+    trees, pixels = seen(rng, STAYED, 240, 1.0)
+    trees = ((trees @ STAYED[:3, :3].T + STAYED[:3, 3]) * 5.0 - STAYED[:3, 3]) @ STAYED[:3, :3]
+    matches = together(seen(rng, aside, 320, 0.5), (trees, pixels))
+    first = estimate_absolute_pose(*matches, CAMERA, np.eye(4), PNP)
+    assert first is not None
+    settings = RivalSettings(min_share=0.1)
+    assert find_rival(*matches, CAMERA, np.eye(4), first, PNP, settings) is not None
+
+
 def test_few_matches_have_no_rival(rng: np.random.Generator) -> None:
     matches = together(seen(rng, MOVED, 60, 0.5), seen(rng, STAYED, 90, 1.0))
     first = estimate_absolute_pose(*matches, CAMERA, np.eye(4), PNP)
