@@ -74,8 +74,8 @@ def bent(image: UInt8Array, camera: gscpe.Camera, k1: float) -> UInt8Array:
     grid = np.stack(np.meshgrid(*(np.arange(side, dtype=np.float64) for side in size)), axis=-1)
     matrix, lens = pinhole.opencv_matrix(), np.array([k1, 0.0, 0.0, 0.0])
     seen = cv2.undistortPoints(grid.reshape(-1, 1, 2), matrix, lens, P=matrix)
-    where = seen.reshape(*grid.shape).astype(np.float32)
-    bent_image = cv2.remap(image, where, None, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    u, v = np.moveaxis(seen.reshape(*grid.shape).astype(np.float32), -1, 0)
+    bent_image = cv2.remap(image, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(bent_image, dtype=np.uint8)
 
 

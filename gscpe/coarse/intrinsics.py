@@ -19,8 +19,8 @@ from gscpe.geometry.projection import transform_points
 _BEHIND = 1e-6
 _ITERATIONS = 50
 _MIN_MATCHES = 8
-_SAMPLE = 300
-_ROUGH = 1e-3
+_SAMPLE, _LARGE_SAMPLE = 300, 800
+_ROUGH, _FINE = 1e-3, 1e-4
 _LONGEST_STEP = 0.2
 _LEAST_VARIANCE = 1e-6  # pixels squared, of matches that fit exactly
 
@@ -93,7 +93,7 @@ def solve_intrinsics(
     change = np.zeros(5) if change is None else change
     deviations = np.array(sigmas)
     free = np.concatenate([np.full(6, True), deviations > 0])
-    known = np.zeros(11)
+    its, known = np.ix_(free, free), np.zeros(11)
     known[6:][free[6:]] = deviations[free[6:]] ** -2.0
     for _ in range(_ITERATIONS):
         # Wider than an inlier: the camera may still be off by a step.
@@ -103,20 +103,16 @@ def solve_intrinsics(
         if equations is None:
             return None
         variance = _CORRELATION * max(equations.variance(), _LEAST_VARIANCE)
-        gradient = equations.gradient - variance * known * np.append(np.zeros(6), change)
-        sought = replace(
-            equations,
-            hessian=(equations.hessian + variance * np.diag(known))[np.ix_(free, free)],
-            gradient=gradient[free],
-        )
+        gradient = equations.gradient - variance * known * np.concatenate([np.zeros(6), change])
+        hessian = (equations.hessian + variance * np.diag(known))[its]
         step = np.zeros(11)
-        step[free] = sought.step()
+        step[free] = replace(equations, hessian=hessian, gradient=gradient[free]).step()
         cam_from_world = se3.exp(step[:6]) @ cam_from_world
         change = change + np.clip(step[6:], -_LONGEST_STEP, _LONGEST_STEP)
         if np.abs(step).max() < smallest_step:
             break
     covariance = np.zeros((11, 11))
-    covariance[np.ix_(free, free)] = variance * covariance_from_information(sought.hessian)
+    covariance[its] = variance * covariance_from_information(hessian)
     inliers = matches.projected(cam_from_world, change).within(pnp.inlier_pixels)
     return CameraEstimate(
         changed_camera(camera, change),
@@ -158,8 +154,10 @@ def check_intrinsics(
     ahead = depths[depths > _BEHIND]
     if not len(ahead):
         return None
-    few = slice(None, None, max(1, len(pixels) // _SAMPLE))  # are enough to choose a start
-    some_points, some_pixels = points_world[few], pixels[few]
+    few, enough = (
+        slice(None, None, max(1, len(pixels) // sample)) for sample in (_SAMPLE, _LARGE_SAMPLE)
+    )
+    some_points, some_pixels = points_world[few], pixels[few]  # are enough to choose a start
     best: CameraEstimate | None = None
     for factor in _STARTS:
         if best is not None and len(some_pixels) <= _BETTER * best.inliers:
@@ -174,6 +172,13 @@ def check_intrinsics(
             best = found
     if best is None:
         return None
-    return solve_intrinsics(
-        points_world, pixels, camera, best.cam_from_world, pnp, _DOUBTED, best.change
+    found = solve_intrinsics(
+        *(points_world[enough], pixels[enough], camera, best.cam_from_world),
+        *(pnp, _DOUBTED, best.change, _FINE),
     )
+    if found is None:
+        return None
+    inliers = Matches2D3D(points_world, pixels, camera, pnp.cells).projected(
+        found.cam_from_world, found.change
+    )
+    return replace(found, inliers=int(inliers.within(pnp.inlier_pixels).sum()))

@@ -13,8 +13,10 @@ from gscpe.geometry.camera import Camera
 from gscpe.geometry.intrinsics import ASPECT, FOCAL, PRINCIPAL_X, PRINCIPAL_Y, RADIAL
 from gscpe.ranges import check_numbers
 
-_HYPOTHESES = ((FOCAL,), (FOCAL, ASPECT, PRINCIPAL_X, PRINCIPAL_Y, RADIAL))
-"""What may be wrong: the focal length alone, which matches tell best; or any of it."""
+_ALL = (FOCAL, ASPECT, PRINCIPAL_X, PRINCIPAL_Y, RADIAL)
+_ENOUGH = 0.8
+"""Share of what a wrong camera explains that a wrong focal length alone must explain, which matches
+tell best, for it to be what is wrong."""
 
 
 @dataclass(frozen=True)
@@ -78,20 +80,18 @@ def contradiction(
         return Contradiction(change, covariance)
     information = np.linalg.inv(found.covariance)
     pull = information @ found.change
+    by_focal = pull[FOCAL] ** 2 / information[FOCAL, FOCAL]
+    numbers = [FOCAL] if by_focal > _ENOUGH * (pull @ found.change) else list(_ALL)
+    its = np.ix_(numbers, numbers)
+    known = np.linalg.inv(information[its])
+    asked = known @ pull[numbers]
     bent = settings.tolerance**2 * np.diag([1.0, 1.0, 1.0, 1.0, 4.0])
-    off = bent + camera.covariance_matrix()
-    most = 0.0
-    for hypothesis in _HYPOTHESES:
-        its = np.ix_(hypothesis, hypothesis)
-        known = np.linalg.inv(information[its])
-        asked = known @ pull[list(hypothesis)]
-        squared = float(asked @ np.linalg.solve(known + off[its], asked))
-        chance = settings.chance + len(hypothesis)
-        if squared - chance > most:
-            most, share = squared - chance, 1.0 - chance / squared
-            change, covariance = np.zeros(5), np.zeros((5, 5))
-            change[list(hypothesis)] = np.sqrt(share) * asked
-            covariance[its] = share * (np.outer(asked, asked) + known)
+    off = known + (bent + camera.covariance_matrix())[its]
+    squared, chance = asked @ np.linalg.solve(off, asked), settings.chance + len(numbers)
+    if squared > chance:
+        share = 1.0 - chance / squared
+        change[numbers] = np.sqrt(share) * asked
+        covariance[its] = share * (np.outer(asked, asked) + known)
     return Contradiction(change, covariance)
 
 
