@@ -21,7 +21,6 @@ import numpy as np
 from gscpe.arrays import Float64Array
 from gscpe.errors import MapError
 from gscpe.geometry.projection import transform_points
-from gscpe.geometry.spread import evenly_spread
 from gscpe.scene.references import References
 from gscpe.splats.gaussians import NEAR, GaussianScene
 
@@ -137,7 +136,10 @@ def typical_depth(scene: GaussianScene, references: References) -> float:
     step = max(1, len(scene) // 50_000)
     solid = np.flatnonzero(scene.opacities[::step] >= 0.5) * step
     means = scene.means[solid if len(solid) else slice(None, None, step)].astype(np.float64)
-    for index in evenly_spread(len(references), _VIEWS):
+    # Not evenly_spread, which rounds: a map that is built again would get another scale.
+    count = len(references)
+    chosen = np.unique(np.linspace(0, max(count - 1, 0), _VIEWS).astype(int))[: min(count, _VIEWS)]
+    for index in chosen:
         camera = references.cameras[index]
         cam_from_scene = references.cam_from_world[index].copy()
         cam_from_scene[:3, 3] += cam_from_scene[:3, :3] @ scene.origin
