@@ -32,9 +32,9 @@ class PnPSettings(RansacSettings):
             covariance (calibrated, docs/benchmarks.md).
     """
 
-    noise_pixels: float = 1.0
-    cells: int = 10
-    noise_correlation: float = 1.5
+    noise_pixels: float = 0.5
+    cells: int = 20
+    noise_correlation: float = 4.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
