@@ -32,7 +32,7 @@ class PnPSettings(RansacSettings):
             covariance (calibrated, docs/benchmarks.md).
     """
 
-    noise_pixels: float = 0.5
+    noise_pixels: float = 0.7
     cells: int = 20
     noise_correlation: float = 4.0
 
