@@ -185,15 +185,19 @@ class _AnchorAlignment:
             *(last.template, self._photo_levels[0], alignment),
             *(settings.solver, settings.uncertainty),
         )
-        photo_from_anchor = pose_of_all_rows(
-            *(last.template, self._photo_levels[0], alignment, settings.solver),
-            *(settings.rolling_pixels, settings.uncertainty.blocks),
-        )
+        pose, of_camera = last.cam_from_world, (uncertainty.by_log_focal, uncertainty.by_principal)
+        if settings.rolling_pixels > 0:
+            rows = pose_of_all_rows(
+                *(last.template, self._photo_levels[0], alignment, settings.solver),
+                *(settings.rolling_pixels, settings.uncertainty.blocks),
+            )
+            pose = rows.photo_from_anchor @ last.anchor_from_world
+            of_camera = (rows.by_log_focal, rows.by_principal)
         return RefinementResult(
-            cam_from_world=photo_from_anchor @ last.anchor_from_world,
+            cam_from_world=pose,
             covariance=uncertainty.covariance,
-            by_log_focal=uncertainty.by_log_focal,
-            by_principal=uncertainty.by_principal,
+            by_log_focal=of_camera[0],
+            by_principal=of_camera[1],
             gain=last.light[0],
             bias=last.light[1],
             residual=alignment.residual,

@@ -19,6 +19,8 @@ Measured: docs/benchmarks.md.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gscpe.arrays import Float32Array, Float64Array
@@ -29,9 +31,24 @@ from gscpe.refinement.lucas_kanade import Alignment, LucasKanadeSettings, Templa
 from gscpe.refinement.products import weighted_squares
 from gscpe.refinement.pyramid import ImageLevel
 from gscpe.refinement.robust import tukey_weights
+from gscpe.refinement.uncertainty import moved_by_camera
 
 _SAMPLES = 5_000
 """About so many points are enough to compare two motions of the picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseOfAllRows:
+    """A mean over the picture.
+
+    Attributes:
+        photo_from_anchor: (4, 4).
+        by_log_focal, by_principal: (6,) and (6, 2), as :class:`PoseUncertainty`'s.
+    """
+
+    photo_from_anchor: Float64Array
+    by_log_focal: Float64Array
+    by_principal: Float64Array
 
 
 def pose_of_all_rows(
@@ -41,41 +58,42 @@ def pose_of_all_rows(
     solver: LucasKanadeSettings,
     rolling_pixels: float,
     blocks: int,
-) -> Float64Array:
-    """``photo_from_anchor``, (4, 4), as a mean over the picture.
+) -> PoseOfAllRows:
+    """What comes of an alignment with a second motion.
 
     Args:
         template, photo, solver: that were aligned, at full size.
         alignment: what came of it.
         rolling_pixels: standard deviation of the second motion, from the first row to the last,
-            root mean square over the picture; 0: there is none.
+            root mean square over the picture; above 0.
         blocks: in a row of the photo; the pixels of each count as one observation.
     """
-    if rolling_pixels == 0:
-        return alignment.photo_from_anchor
-    residuals, usable = residuals_of(
-        template, photo, alignment.photo_from_anchor, alignment.gain, alignment.bias
-    )
+    pose = alignment.photo_from_anchor
+    residuals, usable = residuals_of(template, photo, pose, alignment.gain, alignment.bias)
     weights = usable.astype(np.float32)
     if solver.robust:
         weights *= tukey_weights(residuals, alignment.residual)
     place = _place_among_rows(template, photo.camera)
-    # How residuals follow the motion, the second one, gain and bias; and they themselves.
-    rows = np.empty((15, len(residuals)), dtype=np.float32)
+    # How residuals follow the motion, the second one, gain and bias; they themselves; and how they
+    # follow the camera.
+    rows = np.empty((18, len(residuals)), dtype=np.float32)
     np.multiply(template.jacobian.T, np.float32(alignment.gain), out=rows[:6])
     np.multiply(rows[:6], place, out=rows[6:12])
     rows[12], rows[13], rows[14] = template.intensities, 1.0, residuals
+    rows[15:] = moved_by_camera(template, alignment.gain)
     products = weighted_squares(rows, weights)
     unknowns = 14 if solver.gain_and_bias else 12
-    hessian, right = products[:unknowns, :unknowns], products[:unknowns, 14]
+    hessian, right = products[:unknowns, :unknowns], products[:unknowns, 14:]
     observations = blocks * blocks * photo.camera.height / photo.camera.width
     variance = alignment.residual**2 * float(weights.sum()) / observations
     hessian[6:12, 6:12] += variance / rolling_pixels**2 * template.motion
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))
-    step = np.linalg.solve(hessian / np.outer(scale, scale), right / scale) / scale
+    scale = scale[:, None]
+    step = np.linalg.solve(hessian / (scale * scale.T), right / scale) / scale
     like_second = _motion_like_second(template, photo.camera, place, weights)
     motion = step[:6] + like_second @ step[6:12]
-    return np.asarray(alignment.photo_from_anchor @ se3.exp(-motion))
+    by_camera = -se3.adjoint(pose) @ motion[:, 1:]
+    return PoseOfAllRows(pose @ se3.exp(-motion[:, 0]), by_camera[:, 2], by_camera[:, :2])
 
 
 def _place_among_rows(template: Template, camera: Camera) -> Float32Array:

@@ -176,15 +176,21 @@ def pose_uncertainty(
     # All of it where hardly anything is shared, nothing where enough is.
     blind = np.clip(2.0 - kept / (0.5 * settings.enough_shared), 0.0, 1.0)
     unshared = of_pose(np.sqrt(blind / kept))
-    # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
-    # A principal point that is off moves all points alike, as if by their depth.
-    by_camera = np.ascontiguousarray(gain * template.jacobian[:, :3].T * template.points[2])
-    by_camera[2] *= -1.0
-    right = inner_products(design * weights, by_camera)
+    right = inner_products(design * weights, moved_by_camera(template, alignment.gain))
     by_intrinsics = -to_photo @ (inverse @ right)[:6]
     return PoseUncertainty(
         _symmetric(covariance), _symmetric(unshared), by_intrinsics[:, 2], by_intrinsics[:, :2]
     )
+
+
+def moved_by_camera(template: Template, gain: float) -> Float32Array:
+    """How residuals follow the photo's principal point, in focal lengths, and the logarithm of its
+    focal length; (3, N)."""
+    # A longer lens moves a point at x, y, z by (x, y) / z: the template's by_x x + by_y y.
+    # A principal point that is off moves all points alike, as if by their depth.
+    by_camera = np.float32(gain) * template.jacobian[:, :3].T * template.points[2]
+    by_camera[2] *= -1.0
+    return np.ascontiguousarray(by_camera)
 
 
 def _between_blocks(sums: Float64Array, settings: UncertaintySettings) -> Float64Array:
