@@ -24,9 +24,9 @@ _ROUGH, _FINE = 1e-3, 1e-4
 _LONGEST_STEP = 0.2
 _LEAST_VARIANCE = 1e-6  # pixels squared, of matches that fit exactly
 
-_CORRELATION = 2.0
-"""So many cells count as one, where the camera is sought: what a map is bent by looks like a camera
-(calibrated, docs/benchmarks.md)."""
+_BENT = 4.0 / 3.0
+"""Times ``PnPSettings.noise_correlation``, where the camera is sought: what a map is bent by looks
+like a camera (calibrated, docs/benchmarks.md)."""
 
 FOCAL_ALONE = (np.inf, 0.0, 0.0, 0.0, 0.0)
 """Standard deviations of the five numbers of a camera of which only the focal length is sought."""
@@ -102,7 +102,8 @@ def solve_intrinsics(
         )
         if equations is None:
             return None
-        variance = _CORRELATION * max(equations.variance(), _LEAST_VARIANCE)
+        scatter = max(equations.variance(), _LEAST_VARIANCE)
+        variance = _BENT * pnp.noise_correlation * scatter
         gradient = equations.gradient - variance * known * np.concatenate([np.zeros(6), change])
         hessian = (equations.hessian + variance * np.diag(known))[its]
         step = np.zeros(11)

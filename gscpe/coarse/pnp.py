@@ -25,16 +25,17 @@ class PnPSettings(RansacSettings):
     """Settings of the absolute pose estimation: those of the sampling, and
 
     Attributes:
-        noise_pixels: scale of the Cauchy weights of the final least squares.
+        noise_pixels: scale of the Cauchy weights of the final least squares (set on photos that are
+            not reported, docs/benchmarks.md, as the other two).
         cells: columns of a grid of square cells over the photo. The matches of a cell share
             the errors of the map there: they count as one observation, however many.
         noise_correlation: neighbouring cells share errors too: so many count as one in the
             covariance (calibrated, docs/benchmarks.md).
     """
 
-    noise_pixels: float = 1.0
-    cells: int = 10
-    noise_correlation: float = 1.5
+    noise_pixels: float = 0.7
+    cells: int = 20
+    noise_correlation: float = 4.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

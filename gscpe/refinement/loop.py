@@ -19,6 +19,7 @@ from gscpe.refinement.lucas_kanade import Alignment
 from gscpe.refinement.observer import RefinementObserver
 from gscpe.refinement.pyramid import AnchorLevel, anchor_pyramid, photo_pyramid
 from gscpe.refinement.result import RefinementResult
+from gscpe.refinement.rolling import pose_of_all_rows
 from gscpe.refinement.settings import RefinementSettings
 from gscpe.refinement.template import Template
 from gscpe.refinement.uncertainty import pose_uncertainty
@@ -66,21 +67,26 @@ class _Aligned:
     """An anchor that was aligned.
 
     Attributes:
-        cam_from_world: (4, 4), of the photo.
-        moved: from where the anchor was rendered.
+        anchor_from_world: (4, 4), where the anchor was rendered.
+        moved: of the photo from there.
         light: gain and bias of the render as it was before it was exposed and lit.
         alignment, template: at full size.
         compared: level of the anchor at which it is compared with the photo.
         tolerance_unit: see :class:`RefinementResult`.
     """
 
-    cam_from_world: Float64Array
+    anchor_from_world: Float64Array
     moved: PoseDifference
     light: tuple[float, float]
     alignment: Alignment
     template: Template
     compared: AnchorLevel
     tolerance_unit: float
+
+    @property
+    def cam_from_world(self) -> Float64Array:
+        """(4, 4), of the photo."""
+        return self.alignment.photo_from_anchor @ self.anchor_from_world
 
     def has_moved_too_far(self, settings: RefinementSettings) -> bool:
         """Whether the image has moved too far since the anchor for it to be the last."""
@@ -153,15 +159,15 @@ class _AnchorAlignment:
             return found
         alignment, template = found
         self._observer.anchor_aligned(alignment)
-        cam_from_world = alignment.photo_from_anchor @ view.cam_from_world
-        moved = pose_difference(cam_from_world, view.cam_from_world)
+        anchor_from_world = np.asarray(view.cam_from_world)
+        moved = pose_difference(alignment.photo_from_anchor @ anchor_from_world, anchor_from_world)
         _log.debug(
             "anchor moved %.4f and %.3f deg (%.2f px), residual %.4f, %d pixels",
             moved.distance, moved.degrees, alignment.motion_pixels,
             alignment.residual, alignment.pixels,
         )  # fmt: skip
         return _Aligned(
-            cam_from_world=cam_from_world,
+            anchor_from_world=anchor_from_world,
             moved=moved,
             light=(alignment.gain * lit.gain, alignment.gain * lit.bias + alignment.bias),
             alignment=alignment,
@@ -180,10 +186,18 @@ class _AnchorAlignment:
             *(last.template, self._photo_levels[0], alignment),
             *(settings.solver, settings.uncertainty),
         )
+        pose, by_camera = last.cam_from_world, uncertainty.by_camera
+        if settings.rolling_pixels > 0:
+            rows = pose_of_all_rows(
+                *(last.template, self._photo_levels[0], alignment, settings.solver),
+                *(settings.rolling_pixels, settings.uncertainty.blocks),
+            )
+            pose = rows.photo_from_anchor @ last.anchor_from_world
+            by_camera = rows.by_camera
         return RefinementResult(
-            cam_from_world=last.cam_from_world,
+            cam_from_world=pose,
             covariance=uncertainty.covariance,
-            by_camera=uncertainty.by_camera,
+            by_camera=by_camera,
             gain=last.light[0],
             bias=last.light[1],
             residual=alignment.residual,

@@ -45,6 +45,9 @@ class RefinementSettings:
         solver: at full size.
         coarse_pixels: templates of smaller images are thinned to about so many, and their levels
             end sooner: only a start is wanted from them.
+        rolling_pixels: how far the rows of a photo disagree, since they were not exposed at once
+            or the map is bent: standard deviation, from the first row to the last, of a motion of
+            the picture (root mean square); 0: one pose fits them all. See ``rolling.py``.
         uncertainty: of the covariance.
     """
 
@@ -64,12 +67,15 @@ class RefinementSettings:
     visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
     solver: LucasKanadeSettings = field(default_factory=LucasKanadeSettings)
     coarse_pixels: int = 20_000
+    rolling_pixels: float = 1.0
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
 
     def __post_init__(self) -> None:
         check_whole(self, "levels", "lenient_level", "agreement_level", "turned_level", least=0)
         check_whole(self, "smallest_side", "coarse_pixels", "max_anchors", "min_anchors", least=1)
-        check_numbers(self, "turned_degrees", "rerender_pixels", "far_pixels", least=0)
+        check_numbers(
+            self, "turned_degrees", "rerender_pixels", "far_pixels", "rolling_pixels", least=0
+        )
         check_numbers(
             self, "rerender_translation", "rerender_rotation_degrees", least=0, optional=True
         )

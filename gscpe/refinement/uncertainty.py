@@ -171,12 +171,17 @@ def pose_uncertainty(
     # All of it where hardly anything is shared, nothing where enough is.
     blind = np.clip(2.0 - kept / (0.5 * settings.enough_shared), 0.0, 1.0)
     unshared = of_pose(np.sqrt(blind / kept))
-    # The template's slopes times depth are those by x / z and y / z: by moves in focal lengths.
-    by_x, by_y = gain * template.jacobian[:, :2].T * template.points[2]
-    moved = moved_by_intrinsics(*(template.points[:2] / template.points[2]))
-    by_camera = moved[:, 0] * by_x + moved[:, 1] * by_y
-    by_camera = -to_photo @ (inverse @ inner_products(design * weights, by_camera))[:6]
+    right = inner_products(design * weights, moved_by_camera(template, alignment.gain))
+    by_camera = -to_photo @ (inverse @ right)[:6]
     return PoseUncertainty(_symmetric(covariance), _symmetric(unshared), by_camera)
+
+
+def moved_by_camera(template: Template, gain: float) -> Float32Array:
+    """How residuals follow the numbers of the photo's camera (``Camera.covariance``), (5, N)."""
+    # The template's slopes times depth are those by x / z and y / z: by moves in focal lengths.
+    by_x, by_y = np.float32(gain) * template.jacobian[:, :2].T * template.points[2]
+    moved = moved_by_intrinsics(*(template.points[:2] / template.points[2]))
+    return np.ascontiguousarray(moved[:, 0] * by_x + moved[:, 1] * by_y, dtype=np.float32)
 
 
 def _between_blocks(sums: Float64Array, settings: UncertaintySettings) -> Float64Array:
