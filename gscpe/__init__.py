@@ -47,6 +47,7 @@ from gscpe.geometry import Camera, PoseDifference, pose_difference
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import (
     Attempt,
+    CameraCheckSettings,
     EasySettings,
     FusionSettings,
     LocalizationResult,
@@ -214,6 +215,7 @@ __all__ = [
     "DescriberModel",
     "EasySettings",
     "Evaluation",
+    "CameraCheckSettings",
     "CameraEstimate",
     "IntrinsicsSettings",
     "Frame",
