@@ -48,6 +48,7 @@ from gscpe.geometry import Camera, PoseDifference, pose_difference
 from gscpe.geometry.similarity_transform import Similarity
 from gscpe.localization import (
     Attempt,
+    CameraCheckSettings,
     EasySettings,
     FusionSettings,
     LocalizationResult,
@@ -202,6 +203,7 @@ __all__ = [
     "Attempt",
     "BenchmarkSettings",
     "Camera",
+    "CameraCheckSettings",
     "CameraError",
     "CameraEstimate",
     "Certificate",

@@ -10,9 +10,11 @@ from gscpe.localization.result import LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import PosePrior, Start
 from gscpe.localization.verification import VerificationSettings
+from gscpe.localization.wrong_camera import CameraCheckSettings
 
 __all__ = [
     "Attempt",
+    "CameraCheckSettings",
     "EasySettings",
     "FusionSettings",
     "LocalizationResult",
