@@ -55,7 +55,11 @@ def write_colmap_folder(
         images.append(head + os.fsencode(name) + b"\0" + struct.pack("<Q", 0))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        contents = [_camera(camera, i) for camera, i in ids.items()], images, []
+        contents: tuple[list[bytes], ...] = (
+            [_camera(camera, i) for camera, i in ids.items()],
+            images,
+            [],
+        )
         for name, records in zip(COLMAP_FILES, contents, strict=True):
             _write(folder / name, records)
     except OSError as error:
