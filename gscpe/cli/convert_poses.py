@@ -7,10 +7,12 @@ import argparse
 import sys
 from pathlib import Path
 
+from gscpe.batch import keep_a_copy
 from gscpe.cli.common import Commands
 from gscpe.errors import OutputError
 from gscpe.given import real_path
 from gscpe.poses import (
+    COLMAP_FILES,
     POSE_FORMATS,
     complete_text_model,
     format_of_path,
@@ -69,6 +71,9 @@ def run(options: argparse.Namespace) -> int:
             poses, _ = poses_by_name(poses, list(cameras))
     elif cameras is not None and not poses.keys() <= cameras.keys():
         cameras = None  # a file that tells only some cameras is no list of all photos
+    output = Path(options.output)
+    for path in [output / name for name in COLMAP_FILES] if whole_model else [output]:
+        keep_a_copy(path, stays=True)
     if whole_model:
         write_colmap_folder(options.output, poses, cameras)
     else:

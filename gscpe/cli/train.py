@@ -8,6 +8,7 @@ import sys
 from contextlib import closing, nullcontext
 from pathlib import Path
 
+from gscpe.batch import keep_a_copy
 from gscpe.cli.common import Commands, show_progress
 
 
@@ -93,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
         antialiased=options.antialiased,
         seed=options.seed,
     )
+    keep_a_copy(Path(options.output), stays=True)  # until the new splat replaces it
     try:
         with closing(ProgressBar()) if show_progress() else nullcontext() as bar:
             done = train_from_colmap(

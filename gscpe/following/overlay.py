@@ -17,6 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gscpe.arrays import Float64Array, UInt8Array
+from gscpe.batch import keep_a_copy
 from gscpe.closing import Closing
 from gscpe.errors import OutputError
 from gscpe.localization import Localizer
@@ -116,6 +117,7 @@ class Overlay(Closing):
 
     def write(self, progress: bool = False) -> None:
         """Writes the video: all frames that were tracked, at the rate at which they came.
+        An earlier one is kept, with the ending ``.bak``.
 
         Raises:
             OutputError: it cannot be written.
@@ -182,6 +184,7 @@ class Overlay(Closing):
         rate = min(max(rate, _LEAST), _MOST)
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
+            keep_a_copy(self._path)
         except OSError as error:
             raise OutputError(f"{self._path} cannot be written: {error.strerror}") from error
         writer = cv2.VideoWriter(str(self._path), fourcc, rate, size)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of poses in the forms of hloc, COLMAP, TUM, 7-Scenes' pseudo ground truth, and JSON."""
 
-from gscpe.poses.colmap_folder import complete_text_model, write_colmap_folder
+from gscpe.poses.colmap_folder import COLMAP_FILES, complete_text_model, write_colmap_folder
 from gscpe.poses.correspondence import MatchedBy, poses_by_name
 from gscpe.poses.detect import POSE_FORMATS, PoseFormat, detect_format
 from gscpe.poses.files import (
@@ -14,6 +14,7 @@ from gscpe.poses.files import (
 from gscpe.poses.tum import photo_numbers
 
 __all__ = [
+    "COLMAP_FILES",
     "POSE_FORMATS",
     "MatchedBy",
     "PoseFile",

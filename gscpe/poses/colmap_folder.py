@@ -21,11 +21,14 @@ from gscpe.output_file import write_file
 _MODELS = {"PINHOLE": 1, "FULL_OPENCV": 6}
 """COLMAP's numbers of the models that :meth:`Camera.colmap_text` writes."""
 
+COLMAP_FILES = ("cameras.bin", "images.bin", "points3D.bin")
+"""What :func:`write_colmap_folder` writes, in its order."""
+
 
 def write_colmap_folder(
     folder: str | Path, poses: Mapping[str, Float64Array], cameras: Mapping[str, Camera] | None
 ) -> None:
-    """Writes cameras.bin, images.bin and points3D.bin; the folder is made as needed.
+    """Writes :data:`COLMAP_FILES`; the folder is made as needed.
 
     Args:
         folder: to write to.
@@ -52,9 +55,13 @@ def write_colmap_folder(
         images.append(head + os.fsencode(name) + b"\0" + struct.pack("<Q", 0))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write(folder / "cameras.bin", [_camera(camera, i) for camera, i in ids.items()])
-        _write(folder / "images.bin", images)
-        _write(folder / "points3D.bin", [])
+        contents: tuple[list[bytes], ...] = (
+            [_camera(camera, i) for camera, i in ids.items()],
+            images,
+            [],
+        )
+        for name, records in zip(COLMAP_FILES, contents, strict=True):
+            _write(folder / name, records)
     except OSError as error:
         raise OutputError(f"{folder} cannot be written: {error.strerror}") from error
 

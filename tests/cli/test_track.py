@@ -189,6 +189,7 @@ def test_an_interrupted_run(
     monkeypatch.setattr("gscpe.cli.track.Tracker", Interrupted)
     monkeypatch.setattr(Interrupted, "signal", number)
     output, overlay = tmp_path / "t.tum", tmp_path / "overlay.avi"
+    overlay.write_bytes(b"of an earlier run")
     more = ["--camera", CAMERA_WORDS, "--overlay", str(overlay)]
     assert track(folder, folder / "walk", output, *more) == status
     out, err = capsys.readouterr()
@@ -198,9 +199,10 @@ def test_an_interrupted_run(
         assert err.splitlines()[-1] == "gscpe track: interrupted"
         assert "Ctrl-C again to leave it out" in err
         assert overlay.stat().st_size > 1000
+        assert (tmp_path / "overlay.avi.bak").read_bytes() == b"of an earlier run"
     else:
         assert err.splitlines()[-1] == "gscpe track: ended by SIGTERM"
-        assert not overlay.exists()
+        assert overlay.read_bytes() == b"of an earlier run"
     assert not list(tmp_path.glob("*.frames"))
 
 

@@ -126,6 +126,27 @@ def test_pycolmap_opens_what_is_converted(
         assert ours == named[image.name]
 
 
+def test_what_is_replaced_is_kept(poses: Poses, cameras: dict[str, Camera], tmp_path: Path) -> None:
+    """Also a COLMAP model with points, which somebody names by mistake."""
+    write_pose_file(tmp_path / "poses.txt", poses, "hloc")
+    lines = [f"{name} {camera.colmap_text()}\n" for name, camera in cameras.items()]
+    (tmp_path / "queries.txt").write_text("".join(lines))
+    model = tmp_path / "model"
+    model.mkdir()
+    others = [model / "cameras.bin", model / "images.bin", model / "points3D.bin"]
+    others.append(tmp_path / "poses.tum")
+    for path in others:
+        path.write_bytes(b"somebody's")
+    options = ["--queries", str(tmp_path / "queries.txt")]
+    for output in ("model", "poses.tum", "new.json"):
+        names = [str(tmp_path / "poses.txt"), str(tmp_path / output)]
+        assert main(["convert-poses", *names, *options]) == 0
+    for path in others:
+        assert path.with_name(path.name + ".bak").read_bytes() == b"somebody's"
+        assert path.read_bytes() != b"somebody's"
+    assert not (tmp_path / "new.json.bak").exists()
+
+
 def test_a_colmap_folder_needs_cameras_and_no_rigs(
     poses: Poses, cameras: dict[str, Camera], tmp_path: Path
 ) -> None:

@@ -59,6 +59,7 @@ def test_from_a_model_to_a_splat(folder: Path, capsys: pytest.CaptureFixture[str
     first = (folder / "room.ply").read_bytes()
     assert train(folder, "--test-every", "5") == 0
     assert (folder / "room.ply").read_bytes() == first
+    assert (folder / "room.ply.bak").read_bytes() == first
 
 
 def test_masks_leave_things_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
