@@ -19,6 +19,7 @@ from gscpe.tracking.settings import TrackingSettings
 NOT_FOUND_YET = "the camera has not been found yet: the localizer is at work"
 _LONGEST_PAUSE = 15
 """Frames, at most, between two searches that frames wait for."""
+NOT_LOOKED_FOR = "it was not looked for with the localizer, as frames before were in vain"
 _PRIOR_SIGMA, _PRIOR_DEGREES = 0.3, 15.0
 """Metres and degrees by which a camera that was lost a moment ago may be elsewhere."""
 _A_MOMENT = 15
@@ -105,8 +106,9 @@ class Search:
         result = self._localizer.localize(image, camera, self._prior(state))
         found = self._first_anchor(result, frame)
         if isinstance(found, str):
-            self._pause = min(2 * self._pause + 1, _LONGEST_PAUSE)
+            # One bad frame says nothing of the next; several do.
             self._left = self._pause
+            self._pause = min(2 * self._pause + 1, _LONGEST_PAUSE)
             return found
         self._pause = self._left = 0
         return result, found.anchor

@@ -21,7 +21,7 @@ from gscpe.tracking.course import Course
 from gscpe.tracking.frames import Frame, FrameMaker
 from gscpe.tracking.motion import Motion
 from gscpe.tracking.result import TrackingResult
-from gscpe.tracking.search import Search
+from gscpe.tracking.search import NOT_LOOKED_FOR, Search
 from gscpe.tracking.settings import TrackingSettings
 
 
@@ -159,12 +159,14 @@ class Tracker(Closing):
             return result
         trouble = frame.trouble()
         if self.settings.wait:
-            if course.wants_search and trouble is None and search.is_due():
-                answer = search.at_once(frame, image, camera, course.state)
-                if isinstance(answer, str):
-                    return result.because(answer)
-                return course.begin_at(*answer, frame)
-            return result
+            if not course.wants_search or trouble is not None:
+                return result
+            if not search.is_due():
+                return result.because(NOT_LOOKED_FOR)
+            answer = search.at_once(frame, image, camera, course.state)
+            if isinstance(answer, str):
+                return result.because(answer)
+            return course.begin_at(*answer, frame)
         if search.under_way:
             search.keep(frame)
         elif course.wants_search and trouble is None:

@@ -151,6 +151,22 @@ def test_a_jump_is_found_with_the_localizer(localizer: Localizer) -> None:
         right(result, rolled)
 
 
+def test_a_jump_after_one_bad_frame_is_found(localizer: Localizer) -> None:
+    """One search in vain says nothing of the next frame; after several, some are left out."""
+    rolled = se3.exp([0, 0, 0, 0, 0, 0.8]) @ pose(3)
+    image = room().shoot(CAMERA, rolled).uint8
+    with Tracker(localizer, TrackingSettings(wait=True)) as tracker:
+        tracker.track(picture(0), CAMERA)
+        assert tracker.track(foreign(), CAMERA).status == "lost"
+        found = tracker.track(image, CAMERA)
+        assert found.status == "relocalized", found.reason
+        right(found, rolled)
+        for _ in range(3):
+            assert tracker.track(foreign(), CAMERA).status == "lost"
+        left_out = [tracker.track(foreign(), CAMERA).reason or "" for _ in range(4)]
+    assert sum("not looked for" in reason for reason in left_out) == 3
+
+
 def test_no_frame_waits_for_the_localizer_unless_told_to(localizer: Localizer) -> None:
     """The first answer is about an old frame: it is carried forward to where the camera is."""
     with Tracker(localizer, TrackingSettings(kept_frames=8)) as tracker:
