@@ -23,8 +23,8 @@ MORE_IN_VIEW = (
 """What to do where matches are few, or cover little."""
 
 _CAMERA_OR_PLACE = (
-    "if it shows this place, check the camera's intrinsics and distortion, or make the map again "
-    "if the place has changed"
+    "if it shows this place, check that nothing covers it and that the camera's intrinsics are "
+    "right, or make the map again if the place has changed"
 )
 _SURER_PRIOR = "give a larger --prior-sigma (PosePrior), or no prior"
 

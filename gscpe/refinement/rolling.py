@@ -35,6 +35,8 @@ from gscpe.refinement.solver_settings import LucasKanadeSettings
 from gscpe.refinement.template import Template, residuals_of
 from gscpe.refinement.uncertainty import moved_by_camera
 
+_KNOWN = 1e-9
+"""Share of the largest eigenvalue, below which a direction is not determined."""
 _SAMPLES = 5_000
 """About so many points are enough to compare two motions of the picture."""
 
@@ -88,9 +90,9 @@ def pose_of_all_rows(
     observations = blocks * blocks * photo.camera.height / photo.camera.width
     variance = alignment.residual**2 * float(weights.sum()) / observations
     hessian[6:12, 6:12] += variance / rolling_pixels**2 * template.motion
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))
-    scale = scale[:, None]
-    step = np.linalg.solve(hessian / (scale * scale.T), right / scale) / scale
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))[:, None]
+    # Along stripes, what nothing determines is left as it is.
+    step = np.linalg.lstsq(hessian / (scale * scale.T), right / scale, rcond=_KNOWN)[0] / scale
     like_second = _motion_like_second(template, photo.camera, place, weights)
     motion = step[:6] + like_second @ step[6:12]
     by_camera = -se3.adjoint(pose) @ motion[:, 1:]
@@ -114,4 +116,5 @@ def _motion_like_second(
     by_motion = pose_jacobian(camera, points).transpose(2, 1, 0).reshape(6, -1)
     weighted = by_motion * np.tile(weights[::step], 2)
     by_second = by_motion * np.tile(place[::step], 2)
-    return np.asarray(np.linalg.solve(weighted @ by_motion.T, weighted @ by_second.T))
+    like = np.linalg.lstsq(weighted @ by_motion.T, weighted @ by_second.T, rcond=_KNOWN)[0]
+    return np.asarray(like)

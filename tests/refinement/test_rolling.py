@@ -11,7 +11,7 @@ from scenes import ROOM_POSE, away_from_creases, room, room_camera
 from gscpe.geometry import se3
 from gscpe.geometry.projection import pose_jacobian, unproject_image
 from gscpe.photos import luminance
-from gscpe.refinement.lucas_kanade import align
+from gscpe.refinement.lucas_kanade import Alignment, align
 from gscpe.refinement.pyramid import AnchorLevel, ImageLevel
 from gscpe.refinement.rolling import pose_of_all_rows
 from gscpe.refinement.solver_settings import LucasKanadeSettings
@@ -89,6 +89,20 @@ def test_the_pose_is_that_of_all_rows_wherever_the_texture_is(
 def test_a_photo_that_was_exposed_at_once_stays_where_it_is() -> None:
     before, after = errors(np.zeros(6), LucasKanadeSettings(), 1.0)
     assert max(before, after) < 0.02
+
+
+def test_along_stripes_the_pose_stays_where_the_alignment_left_it() -> None:
+    """What nothing determines is not moved: a wall with the same stripes in every row."""
+    stripes = np.tile(0.5 + 0.3 * np.sin(np.arange(160) / 3.0), (120, 1)).astype(np.float32)
+    depth, everywhere = np.full((120, 160), 2.0, np.float32), np.ones((120, 160), bool)
+    solver = LucasKanadeSettings()
+    template = build_template(AnchorLevel(stripes, everywhere, CAMERA, depth), solver)
+    assert template is not None
+    photo = ImageLevel(stripes, everywhere, CAMERA)
+    found = Alignment(np.eye(4), 1.0, 0.0, 0.01, len(template.intensities), 0.0, 1, True)
+    rows = pose_of_all_rows(template, photo, found, solver, 1.0, 10)
+    assert off(template, rows.photo_from_anchor, np.eye(4)) < 1e-6
+    assert np.all(np.isfinite(rows.by_principal)) and np.all(np.isfinite(rows.by_log_focal))
 
 
 def test_a_strong_prior_holds_the_second_motion_at_zero() -> None:
