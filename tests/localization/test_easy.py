@@ -99,7 +99,7 @@ def test_as_exact_as_the_whole_loop(image: NDArray[np.uint8]) -> None:
     assert whole.coarse.rounds > 1
     assert easy.cam_from_world is not None and whole.cam_from_world is not None
     apart = pose_difference(easy.cam_from_world, whole.cam_from_world)
-    assert apart.distance < 1e-3 and apart.degrees < 0.03
+    assert apart.distance < 1.5e-3 and apart.degrees < 0.03
 
 
 def test_the_same_with_one_core_and_with_two(
