@@ -100,9 +100,10 @@ class VerificationSettings:
 
 
 def doubt_about_coarse(
-    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings, moved: bool = False
 ) -> str | None:
-    """Why the coarse pose cannot be trusted, or None."""
+    """Why the coarse pose cannot be trusted, or None. ``moved``: other matches of this photo agreed
+    on two poses, so that these, which agree on one, may be those of what has been moved."""
     if coarse.cam_from_world is None:
         return f"no pose agrees with the {coarse.matches} matches between photo and map"
     if coarse.inliers < settings.min_inliers:
@@ -110,20 +111,28 @@ def doubt_about_coarse(
     share = inlier_share(coarse, settings)
     if share < settings.min_inlier_share:
         return f"only {share:.0%} of the matches agree ({settings.min_inlier_share:.0%} needed)"
+    return _doubt_about_spread(coarse, camera, settings, moved) or _doubt_about_focal_length(
+        coarse, camera, settings
+    )
+
+
+def _doubt_about_spread(
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings, moved: bool
+) -> str | None:
+    """What stayed is spread over more of the photo than what has been moved."""
     spread = inlier_spread(coarse.inlier_pixels, camera)
-    if len(coarse.rival_pixels) and spread < max(
-        settings.rival_spread,
-        settings.rival_margin + inlier_spread(coarse.rival_pixels, camera),
-    ):
+    rivals = len(coarse.rival_pixels)
+    more = settings.rival_margin + inlier_spread(coarse.rival_pixels, camera)
+    if rivals and spread < max(settings.rival_spread, more):
         return (
-            f"{coarse.inliers} and {len(coarse.rival_pixels)} matches agree with two poses that "
-            "contradict each other: something has been moved, and it is not clear what has not"
+            f"{coarse.inliers} and {rivals} matches agree with two poses that contradict each "
+            "other: something has been moved, and it is not clear what has not"
         )
-    if spread < settings.min_spread:
-        return (
-            f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} needed)"
-        )
-    return _doubt_about_focal_length(coarse, camera, settings)
+    least = settings.rival_spread if moved else settings.min_spread
+    if spread < least:
+        cause = "something has been moved, and the matches that agree" if moved else "the matches"
+        return f"{cause} cover only {spread:.0%} of the photo ({least:.0%} needed)"
+    return None
 
 
 def inlier_share(coarse: CoarseResult, settings: VerificationSettings) -> float:
