@@ -43,6 +43,7 @@ class PreparedPhoto:
         self.orientation = orientation
         self.photo = photo
         self.clock = clock
+        self.has_moved = False  # whether matches of an attempt agreed on two poses
         self._matcher = matcher
         self._beside = beside
         self.well_lit = well_lit(photo)

@@ -108,7 +108,8 @@ class Stages:
                 observer,
                 exposed_like(query.photo, settings.refinement.light.clipping),
             )
-        doubt = doubt_about_coarse(coarse, query.photo.camera, settings.verification)
+        query.has_moved |= len(coarse.rival_pixels) > 0
+        doubt = self._doubt_about_coarse(query, coarse)
         if doubt is not None or coarse.cam_from_world is None:
             return Attempt(start, coarse, None, doubt, matcher=named.name)
         with query.clock.stage("refinement"):
@@ -148,6 +149,10 @@ class Stages:
         self, query: PreparedPhoto, coarse: CoarseResult, aligned: RefinementResult
     ) -> str | None:
         verification, camera = self.settings.verification, query.photo.camera
-        return doubt_about_coarse(coarse, camera, verification) or doubt_about_aligned(
+        return self._doubt_about_coarse(query, coarse) or doubt_about_aligned(
             coarse, aligned, camera, verification, self.settings.fusion, self.frame
         )
+
+    def _doubt_about_coarse(self, query: PreparedPhoto, coarse: CoarseResult) -> str | None:
+        verification = self.settings.verification
+        return doubt_about_coarse(coarse, query.photo.camera, verification, query.has_moved)

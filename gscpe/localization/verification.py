@@ -109,9 +109,10 @@ class VerificationSettings:
 
 
 def doubt_about_coarse(
-    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings, moved: bool = False
 ) -> str | None:
-    """Why the coarse pose cannot be trusted, or None."""
+    """Why the coarse pose cannot be trusted, or None. ``moved``: other matches of this photo agreed
+    on two poses, so that these, which agree on one, may be those of what has been moved."""
     if coarse.cam_from_world is None:
         return (
             f"no pose agrees with the {coarse.matches} matches between photo and map: "
@@ -120,12 +121,21 @@ def doubt_about_coarse(
     wrong = doubt_about_camera(coarse, camera, settings.camera)
     if wrong is not None and _explains_more(coarse, settings):
         return wrong
-    return _doubt_about_matches(coarse, camera, settings) or wrong
+    return (
+        _doubt_about_matches(coarse, settings)
+        or _doubt_about_spread(coarse, camera, settings, moved)
+        or wrong
+    )
 
 
-def _doubt_about_matches(
-    coarse: CoarseResult, camera: Camera, settings: VerificationSettings
-) -> str | None:
+def _explains_more(coarse: CoarseResult, settings: VerificationSettings) -> bool:
+    """Whether so many matches agree with another camera that this is what is wrong."""
+    inliers = 0 if coarse.intrinsics is None else coarse.intrinsics.inliers
+    return inliers >= max(settings.min_inliers, settings.min_inlier_share * coarse.matches)
+
+
+def _doubt_about_matches(coarse: CoarseResult, settings: VerificationSettings) -> str | None:
+    """So many agree, and so many of all."""
     if coarse.inliers < settings.min_inliers:
         return (
             f"only {coarse.inliers} matches agree with a pose ({settings.min_inliers} needed): "
@@ -137,27 +147,26 @@ def _doubt_about_matches(
             f"only {share:.0%} of the matches agree ({settings.min_inlier_share:.0%} needed): "
             f"{MORE_IN_VIEW}"
         )
-    spread = inlier_spread(coarse.inlier_pixels, camera)
-    if len(coarse.rival_pixels) and spread < max(
-        settings.rival_spread,
-        settings.rival_margin + inlier_spread(coarse.rival_pixels, camera),
-    ):
-        return (
-            f"{coarse.inliers} and {len(coarse.rival_pixels)} matches agree with two poses that "
-            "contradict each other: something has been moved, and it is not clear what has not"
-        )
-    if spread < settings.min_spread:
-        return (
-            f"the matches cover only {spread:.0%} of the photo ({settings.min_spread:.0%} "
-            f"needed): {MORE_IN_VIEW}"
-        )
     return None
 
 
-def _explains_more(coarse: CoarseResult, settings: VerificationSettings) -> bool:
-    """Whether so many matches agree with another camera that this is what is wrong."""
-    inliers = 0 if coarse.intrinsics is None else coarse.intrinsics.inliers
-    return inliers >= max(settings.min_inliers, settings.min_inlier_share * coarse.matches)
+def _doubt_about_spread(
+    coarse: CoarseResult, camera: Camera, settings: VerificationSettings, moved: bool
+) -> str | None:
+    """What stayed is spread over more of the photo than what has been moved."""
+    spread = inlier_spread(coarse.inlier_pixels, camera)
+    rivals = len(coarse.rival_pixels)
+    more = settings.rival_margin + inlier_spread(coarse.rival_pixels, camera)
+    if rivals and spread < max(settings.rival_spread, more):
+        return (
+            f"{coarse.inliers} and {rivals} matches agree with two poses that contradict each "
+            "other: something has been moved, and it is not clear what has not"
+        )
+    least = settings.rival_spread if moved else settings.min_spread
+    if spread < least:
+        cause = "something has been moved, and the matches that agree" if moved else "the matches"
+        return f"{cause} cover only {spread:.0%} of the photo ({least:.0%} needed): {MORE_IN_VIEW}"
+    return None
 
 
 def inlier_share(coarse: CoarseResult, settings: VerificationSettings) -> float:

@@ -182,6 +182,16 @@ def test_two_poses(held: int, by_rival: int, doubt: str | None) -> None:
     assert found is doubt is None or (found is not None and doubt is not None and doubt in found)
 
 
+def test_where_something_has_moved_a_pose_must_hold_much_of_the_photo() -> None:
+    """Matches of another attempt agreed on two poses; these agree on one."""
+    assert doubt_about_coarse(COARSE, CAMERA, SETTINGS, moved=True) is None
+    half = replace(COARSE, inlier_pixels=np.repeat(GRID[:9], 8, axis=0).astype(np.float64))
+    assert doubt_about_coarse(half, CAMERA, SETTINGS) is None
+    doubt = doubt_about_coarse(half, CAMERA, SETTINGS, moved=True)
+    assert doubt is not None
+    assert "cover only 56% of the photo (65% needed)" in doubt
+
+
 def test_few_matches_do_not_excuse_others() -> None:
     """From 200 on, those of another pose are not counted; here, 150 of 310 agree."""
     few: dict[str, Any] = {
