@@ -74,6 +74,8 @@ class Certificate:
         settings: that the verdict is by.
         of_renders: the "photos" are renders, made worse, from poses beside virtual references:
             the map was made of no photo.
+        seen: of a map that was made of no photo, the share of its Gaussians that enough references
+            show; None of other maps.
     """
 
     photos: tuple[CertifiedPhoto, ...]
@@ -83,6 +85,7 @@ class Certificate:
     gaussians: int
     settings: CertificateSettings
     of_renders: bool = False
+    seen: float | None = None
 
     @property
     def localized(self) -> float:
@@ -115,12 +118,13 @@ class Certificate:
     def verdict(self) -> Verdict:
         """By :class:`CertificateSettings`."""
         s = self.settings
-        for verdict, localized, error, degrees in (
-            ("good", s.good_localized, s.good_error, s.good_degrees),
-            ("usable", s.usable_localized, s.usable_error, s.usable_degrees),
+        for verdict, localized, error, degrees, seen in (
+            ("good", s.good_localized, s.good_error, s.good_degrees, s.good_seen),
+            ("usable", s.usable_localized, s.usable_error, s.usable_degrees, s.usable_seen),
         ):
             if (
                 self.localized >= localized
+                and (self.seen is None or self.seen >= seen)
                 and self.relative_error <= error
                 and self.median_degrees <= degrees
             ):
@@ -155,6 +159,11 @@ class Certificate:
                 f", typically {self.length(self.median_distance)} "
                 f"({100 * self.relative_error:.2g}% of the scene's size) and "
                 f"{degrees_text(self.median_degrees)} from where {whence}"
+            )
+        if self.seen is not None:
+            measured += (
+                f"; its viewpoints show {100 * self.seen:.0f}% of what the splat holds, and photos "
+                "of the rest will hardly be found"
             )
         advice = _OF_RENDERS if self.of_renders else _OF_PHOTOS
         text = f"The map is {self.verdict}: {measured}. {advice[self.verdict]}"
@@ -217,6 +226,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
             gaussians=int(data["gaussians"]),
             settings=CertificateSettings(**data["settings"]),
             of_renders=bool(data.get("of_renders", False)),
+            seen=data.get("seen"),
         )
     except (OSError, ValueError, KeyError, TypeError, SettingsError) as error:
         raise MapError(f"{path} is damaged; delete it, or make the map again") from error

@@ -19,8 +19,9 @@ from gscpe.making.certificate import Certificate, CertifiedPhoto
 from gscpe.making.certify import certified_photo, scene_size
 from gscpe.making.settings import CertificateSettings
 from gscpe.photos import to_uint8
-from gscpe.render import RenderedView
+from gscpe.render import RenderedView, Renderer
 from gscpe.scene import Map, References
+from gscpe.viewpoints import times_seen
 
 _TURN_DEGREES = 10.0
 """Standard deviation of the turns between a viewpoint and a render, about each axis."""
@@ -40,12 +41,15 @@ def certify_virtual(
     matcher: str | None = None,
     progress: bool = False,
 ) -> Certificate:
-    """Localizes renders in a map whose references are renders too.
+    """Localizes renders in a map whose references are renders too, and counts what of the splat
+    the references show.
 
     Their poses lie between neighbouring viewpoints, turned by some ten degrees. They are darkened,
     blurred and made noisy. This shows whether places are recognized and told from each other, and
-    whether the splat can be aligned with. It does not show whether photos are taken from near the
-    viewpoints, or look like the splat. The same every time.
+    whether the splat can be aligned with. Photos are taken where the splat is detailed, also where
+    no viewpoint was found, and no render from beside a viewpoint tells that: so it is also counted
+    which share of the splat's Gaussians enough references show (``Certificate.seen``). Whether
+    photos look like the splat, nothing here can tell. The same every time.
 
     Args:
         map_: with virtual references.
@@ -66,6 +70,7 @@ def certify_virtual(
     poses: list[Float64Array] = []
     depths: list[float] = []
     rng = np.random.default_rng(0)
+    seen = _share_seen(map_, settings.least_views, backend)
     with Localizer(map_, matcher=matcher, backend=backend, progress=progress) as localizer:
         for number, index in enumerate(
             tqdm(
@@ -95,6 +100,7 @@ def certify_virtual(
         gaussians=len(map_.scene),
         settings=settings,
         of_renders=True,
+        seen=seen,
     )
 
 
@@ -111,6 +117,16 @@ def _view_beside(
         ):
             return pose, view
     return None
+
+
+def _share_seen(map_: Map, least: int, backend: str) -> float:
+    """The share of a map's Gaussians that at least so many references show; in a map of few, a
+    tenth of them."""
+    references = map_.references
+    enough = max(1, min(least, len(references) // 10))
+    with Renderer(map_.scene, backend) as renderer:
+        times = times_seen(map_.scene, references.cam_from_world, references.cameras, renderer)
+    return float(np.mean(times >= enough))
 
 
 def _beside(

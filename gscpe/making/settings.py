@@ -22,6 +22,10 @@ class CertificateSettings:
         usable_localized, usable_error, usable_degrees: the same of a usable map. One that is
             neither is poor.
         renders: that a map without photos is certified by.
+        least_views: a Gaussian of a map without photos counts as seen where so many references
+            show it; where the map has fewer than ten times as many, a tenth of them.
+        good_seen, usable_seen: share of its Gaussians that are seen so, at least, of a good and of
+            a usable map without photos.
         pictures: of so many photos, at most: the worst ones, and others evenly.
         picture_width: pixels, each.
         max_bytes: of the page.
@@ -34,24 +38,28 @@ class CertificateSettings:
     usable_error: float = 0.01
     usable_degrees: float = 1.0
     renders: int = 12
+    least_views: int = 6
+    good_seen: float = 0.9
+    usable_seen: float = 0.7
     pictures: int = 12
     picture_width: int = 480
     max_bytes: int = 4_000_000
 
     def __post_init__(self) -> None:
-        check_shares(self, "usable_localized", "good_localized")
+        check_shares(self, "usable_localized", "good_localized", "usable_seen", "good_seen")
         check_numbers(self, "good_error", "good_degrees", "usable_error", "usable_degrees", above=0)
         check_whole(self, "pictures", least=0)
         check_whole(self, "picture_width", least=16)
-        check_whole(self, "max_bytes", "renders", least=1)
+        check_whole(self, "max_bytes", "renders", "least_views", least=1)
         if (
             self.usable_localized > self.good_localized
+            or self.usable_seen > self.good_seen
             or self.good_error > self.usable_error
             or self.good_degrees > self.usable_degrees
         ):
             raise SettingsError(
-                "a good map must localize at least the share of a usable one, with errors that are "
-                "not above a usable one's"
+                "a good map must localize, and its references show, at least the share of a usable "
+                "one, with errors that are not above a usable one's"
             )
 
 

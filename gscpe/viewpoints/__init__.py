@@ -3,5 +3,6 @@
 
 from gscpe.viewpoints.find import Viewpoints, find_viewpoints
 from gscpe.viewpoints.settings import ViewpointSettings
+from gscpe.viewpoints.surface import times_seen
 
-__all__ = ["ViewpointSettings", "Viewpoints", "find_viewpoints"]
+__all__ = ["ViewpointSettings", "Viewpoints", "find_viewpoints", "times_seen"]
