@@ -229,7 +229,7 @@ class Localizer(Closing):
             CameraError: the camera cannot be estimated; the message says why.
             PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
-        images = [image] if isinstance(image, np.ndarray) else list(image)
+        images = list(image) if isinstance(image, (list, tuple)) else [image]
         with self._while_open():
             return self._unknown_cameras.estimate(images, guess)
 
