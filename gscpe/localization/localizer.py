@@ -8,7 +8,7 @@ import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Iterator, Sequence
+from typing import Any, Iterator, Sequence
 
 import numpy as np
 
@@ -229,7 +229,7 @@ class Localizer(Closing):
             CameraError: the camera cannot be estimated; the message says why.
             PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
-        images = list(image) if isinstance(image, (list, tuple)) else [image]
+        images: list[Any] = list(image) if isinstance(image, (list, tuple)) else [image]
         with self._while_open():
             return self._unknown_cameras.estimate(images, guess)
 
