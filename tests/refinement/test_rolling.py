@@ -53,7 +53,7 @@ def mean_motion(motion: NDArray[np.float64]) -> NDArray[np.float64]:
     points = unproject_image(CAMERA, SHOT.depth, chosen).T.astype(np.float64)
     jacobian = pose_jacobian(CAMERA, points)
     shifts = (jacobian @ motion) * PLACE[chosen // 160][:, None]
-    return np.linalg.lstsq(jacobian.reshape(-1, 6), shifts.ravel(), rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(jacobian.reshape(-1, 6), shifts.ravel(), rcond=None)[0])
 
 
 def errors(
