@@ -31,8 +31,9 @@ from gscpe.errors import (
 
 
 def test_closed_in_the_middle_it_leaves_no_thread() -> None:
+    map_ = the_map()  # whose progress bar leaves tqdm's own thread, if no test before had one
     before = set(threading.enumerate())
-    tracker = Tracker(the_map(), matcher="sift")
+    tracker = Tracker(map_, matcher="sift")
     for index in range(3):
         tracker.track(picture(index), CAMERA)  # the localizer is at work
     tracker.close()
