@@ -163,7 +163,7 @@ class Certificate:
         if self.seen is not None:
             measured += (
                 f"; its viewpoints show {100 * self.seen:.0f}% of what the splat holds, and photos "
-                "of the rest will hardly be found"
+                "of the rest may not be found"
             )
         advice = _OF_RENDERS if self.of_renders else _OF_PHOTOS
         text = f"The map is {self.verdict}: {measured}. {advice[self.verdict]}"

@@ -39,8 +39,8 @@ class CertificateSettings:
     usable_degrees: float = 1.0
     renders: int = 12
     least_views: int = 6
-    good_seen: float = 0.9
-    usable_seen: float = 0.7
+    good_seen: float = 0.95
+    usable_seen: float = 0.5
     pictures: int = 12
     picture_width: int = 480
     max_bytes: int = 4_000_000

@@ -73,7 +73,7 @@ def test_a_map_whose_references_look_one_way_shows_little() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seen", "verdict"), [(None, "good"), (0.95, "good"), (0.8, "usable"), (0.6, "poor")]
+    ("seen", "verdict"), [(None, "good"), (0.96, "good"), (0.8, "usable"), (0.4, "poor")]
 )
 def test_what_is_not_seen_counts(seen: float | None, verdict: str) -> None:
     photo = CertifiedPhoto("a", None, 0.001, 0.01, 20.0, 22.0, 0.7)
