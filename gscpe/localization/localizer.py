@@ -211,7 +211,7 @@ class Localizer(Closing):
         )
 
     def estimate_camera(
-        self, image: UInt8Array | Sequence[UInt8Array], guess: Camera | None = None
+        self, image: UInt8Array | list[UInt8Array], guess: Camera | None = None
     ) -> Camera:
         """The camera of a photo whose intrinsics are not known, for :meth:`localize`, from matches
         with renders: its focal length; and as far as they tell, the ratio of its focal lengths, its
@@ -228,7 +228,7 @@ class Localizer(Closing):
             CameraError: the camera cannot be estimated; the message says why.
             PhotoError, MapError, RenderError, ModelError, ClosedError: as :meth:`localize`.
         """
-        images = [image] if isinstance(image, np.ndarray) else list(image)
+        images = list(image) if isinstance(image, list | tuple) else [image]
         with self._while_open():
             return self._unknown_cameras.estimate(images, guess)
 

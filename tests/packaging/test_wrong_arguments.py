@@ -47,7 +47,7 @@ def test_images(localizer: gscpe.Localizer, image: Any, match: str) -> None:
     calls: list[Callable[[], Any]] = [
         lambda: gscpe.to_photo(image, CAMERA),
         lambda: localizer.localize(image, CAMERA),
-        lambda: localizer.estimate_camera(image),
+        lambda: localizer.estimate_camera([image] if isinstance(image, list) else image),
         lambda: gscpe.map_from_rgbd(image, depth, CAMERA, np.eye(4)),
     ]
     for call in calls:
