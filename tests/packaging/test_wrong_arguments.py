@@ -44,10 +44,11 @@ def localizer() -> Any:
 )
 def test_images(localizer: gscpe.Localizer, image: Any, match: str) -> None:
     depth = np.ones((48, 64), np.float32)
+    several: Any = [image] if isinstance(image, list) else image  # a list of photos is right there
     calls: list[Callable[[], Any]] = [
         lambda: gscpe.to_photo(image, CAMERA),
         lambda: localizer.localize(image, CAMERA),
-        lambda: localizer.estimate_camera([image] if isinstance(image, list) else image),
+        lambda: localizer.estimate_camera(several),
         lambda: gscpe.map_from_rgbd(image, depth, CAMERA, np.eye(4)),
     ]
     for call in calls:
