@@ -212,7 +212,7 @@ class Localizer(Closing):
         )
 
     def estimate_camera(
-        self, image: UInt8Array | Sequence[UInt8Array], guess: Camera | None = None
+        self, image: UInt8Array | list[UInt8Array], guess: Camera | None = None
     ) -> Camera:
         """The camera of a photo whose intrinsics are not known, for :meth:`localize`, from matches
         with renders: its focal length; and as far as they tell, the ratio of its focal lengths, its
