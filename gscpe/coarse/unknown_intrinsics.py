@@ -42,6 +42,8 @@ class IntrinsicsSettings:
             distort, or the distortion was removed: the probability of each, beforehand.
         plain_sigmas: standard deviation of the principal point then, and of k1, as a share of
             ``principal_sigma`` and ``radial_sigma``.
+        covariance_factor: the covariance of what comes of all this counts so many times
+            (calibrated, docs/benchmarks.md): lenses are not quite like this, nor maps.
 
     Raises:
         SettingsError: a value is out of its range.
@@ -59,6 +61,7 @@ class IntrinsicsSettings:
     radial_sigma: float = 0.05
     plain: float = 0.5
     plain_sigmas: float = 0.125
+    covariance_factor: float = 1.6
 
     def __post_init__(self) -> None:
         check_numbers(self, "widest", above=0, most=1)
@@ -69,6 +72,7 @@ class IntrinsicsSettings:
         check_numbers(self, "aspect_sigma", "principal_sigma", "radial_sigma", above=0)
         check_numbers(self, "plain", above=0, below=1)
         check_numbers(self, "plain_sigmas", above=0, most=1)
+        check_numbers(self, "covariance_factor", above=0)
 
     @property
     def sigmas(self) -> tuple[float, ...]:
@@ -175,4 +179,5 @@ def probable_camera(
     apart = np.array(means) - change
     within = np.tensordot(weights, np.array(covariances), 1)
     between = (weights[:, None] * apart).T @ apart
-    return changed_camera(guess, change).with_covariance(within + between)
+    covariance = settings.covariance_factor * (within + between)
+    return changed_camera(guess, change).with_covariance(covariance)
