@@ -9,7 +9,7 @@ from gscpe.localization.observer import Observer
 from gscpe.localization.result import LocalizationResult
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.localization.starts import PosePrior, Start
-from gscpe.localization.verification import VerificationSettings
+from gscpe.localization.verification_settings import VerificationSettings
 from gscpe.localization.wrong_camera import CameraCheckSettings
 
 __all__ = [

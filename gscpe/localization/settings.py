@@ -11,7 +11,7 @@ from gscpe.coarse import CoarseSettings, IntrinsicsSettings
 from gscpe.errors import SettingsError
 from gscpe.localization.easy import EasySettings
 from gscpe.localization.fusion import FusionSettings
-from gscpe.localization.verification import VerificationSettings
+from gscpe.localization.verification_settings import VerificationSettings
 from gscpe.ranges import check_kinds, check_numbers, check_whole
 from gscpe.refinement import RefinementSettings
 from gscpe.retrieval import IndexSettings

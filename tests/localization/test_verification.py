@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from gscpe.coarse import CoarseResult, inlier_spread
 from gscpe.geometry import Camera, se3
-from gscpe.localization import FusionSettings, PosePrior
+from gscpe.localization import FusionSettings, PosePrior, VerificationSettings
 from gscpe.localization.sigmas import sigmas_text
 from gscpe.localization.verification import (
-    VerificationSettings,
     doubt_about_aligned,
     doubt_about_coarse,
     doubt_about_tracked,
