@@ -132,7 +132,8 @@ def _share_seen(map_: Map, least: int, backend: str) -> float:
 def _beside(
     cam_from_world: Float64Array, index: int, rng: np.random.Generator
 ) -> Iterator[Float64Array]:
-    """Poses, (4, 4), on the way from a reference to the nearest that stands elsewhere, turned."""
+    """Poses, (4, 4), on the way from a reference to the nearest that stands elsewhere, turned;
+    turned only, where all stand at one place."""
     centres = camera_centres(cam_from_world)
     apart = np.linalg.norm(centres - centres[index], axis=1)
     others = apart > 1e-6 * max(float(apart.max()), 1e-300)
@@ -140,9 +141,7 @@ def _beside(
     step = centres[nearest] - centres[index]
     for _ in range(_DRAWN):
         pose = cam_from_world[index].copy()
-        centre = camera_centre(pose) + rng.uniform(0.2, 0.8) * (
-            step if others.any() else 0.0 * step
-        )
+        centre = camera_centre(pose) + rng.uniform(0.2, 0.8) * step
         turn = np.deg2rad(_TURN_DEGREES) * rng.normal(size=3)
         pose[:3, 3] = -pose[:3, :3] @ centre
         yield np.asarray(se3.exp([0.0, 0.0, 0.0, *turn]) @ pose)

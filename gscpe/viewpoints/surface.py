@@ -16,9 +16,11 @@ from gscpe.splats import GaussianScene
 from gscpe.viewpoints.axes import solid
 
 _COUNT = 4000
-_BEHIND = 1.1
+"""A share of so many is known to 0.8% (standard deviation)."""
+_HIDDEN = 1.1
 """A Gaussian is hidden where it is so many times as far as what is seen in its pixel."""
 _SHOWN = 0.5
+"""Opacity above which a pixel shows a surface."""
 _SIDE = 96
 """Pixels of the longer side of the renders that tell what is hidden."""
 
@@ -59,7 +61,7 @@ class SurfaceSample:
         inside = before & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
         rows = np.flatnonzero(inside)
         at = v[rows].astype(int), u[rows].astype(int)
-        shown = (z[rows] < _BEHIND * view.depth[at]) & (view.opacity[at] > _SHOWN)
+        shown = (z[rows] < _HIDDEN * view.depth[at]) & (view.opacity[at] > _SHOWN)
         seen = np.zeros(len(z), dtype=bool)
         seen[rows[shown]] = True
         return seen
@@ -76,7 +78,7 @@ def times_seen(
     Args:
         scene: the splat.
         cam_from_scene: (V, 4, 4), relative to the scene's origin.
-        cameras: (V), pinhole.
+        cameras: V pinhole cameras.
         renderer: of the scene, in the same frame.
     """
     sample = SurfaceSample.of(scene)
