@@ -11,6 +11,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import CameraError
+from gscpe.geometry.information import is_covariance
 
 # COLMAP model -> names of its parameters, in COLMAP's order. All but the fisheyes are special
 # cases of OpenCV's rational model, those of THIN_PRISM_FISHEYE.
@@ -60,7 +61,7 @@ class Camera:
 
     Raises:
         CameraError: a size or a focal length is not positive, a number is not finite, or the
-            covariance is none.
+            covariance is not one.
     """
 
     width: int
@@ -86,7 +87,7 @@ class Camera:
             raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 8):
             raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
-        if self.covariance and not _is_covariance(self.covariance):
+        if self.covariance and not is_covariance(self.covariance, 5):
             raise CameraError(
                 "a camera's covariance must be empty or 5 rows of 5 finite numbers, symmetric and "
                 "positive semi-definite"
@@ -218,7 +219,11 @@ class Camera:
         return self.with_covariance(np.diag(sigmas**2))
 
     def with_covariance(self, covariance: Float64Array) -> Camera:
-        """The same camera, known so well, (5, 5); see the attribute."""
+        """The same camera, known so well, (5, 5); see the attribute ``covariance``.
+
+        Raises:
+            CameraError: it is no covariance.
+        """
         rows = np.asarray(covariance, dtype=np.float64)
         return replace(self, covariance=tuple(map(tuple, rows.tolist())) if np.any(rows) else ())
 
@@ -285,19 +290,6 @@ class Camera:
                 f"{what} is {width}x{height}, but its camera is {self.width}x{self.height}; "
                 "give the camera for this image size"
             )
-
-
-def _is_covariance(rows: tuple[tuple[float, ...], ...]) -> bool:
-    try:
-        matrix = np.array(rows, dtype=np.float64)
-    except (ValueError, TypeError):
-        return False
-    if matrix.shape != (5, 5) or not np.all(np.isfinite(matrix)):
-        return False
-    smallest = 1e-9 * float(np.abs(matrix).max())
-    return bool(
-        np.all(np.abs(matrix - matrix.T) <= smallest) and np.linalg.eigvalsh(matrix)[0] >= -smallest
-    )
 
 
 def _whole(word: str) -> int:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Covariances from information matrices that may be singular."""
+"""Covariances: what is one, and those of information matrices that may be singular."""
 
 from __future__ import annotations
+
+from typing import Sequence
 
 import numpy as np
 
@@ -22,3 +24,17 @@ def covariance_from_information(information: Float64Array) -> Float64Array:
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     values = np.maximum(values, _LEAST * max(float(values.max(initial=0.0)), 1e-12))
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+
+
+def is_covariance(rows: Sequence[Sequence[float]], size: int) -> bool:
+    """Whether these are (size, size) finite numbers, symmetric and positive semi-definite."""
+    try:
+        matrix = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError):
+        return False
+    if matrix.shape != (size, size) or not np.all(np.isfinite(matrix)):
+        return False
+    smallest = 1e-9 * float(np.abs(matrix).max())
+    return bool(
+        np.all(np.abs(matrix - matrix.T) <= smallest) and np.linalg.eigvalsh(matrix)[0] >= -smallest
+    )
