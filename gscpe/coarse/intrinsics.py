@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gscpe.arrays import Float64Array, short_repr
-from gscpe.coarse.least_squares import Matches2D3D
+from gscpe.coarse.least_squares import BEHIND, Matches2D3D
 from gscpe.coarse.pnp import PnPSettings
 from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
@@ -16,12 +16,11 @@ from gscpe.geometry.information import covariance_from_information
 from gscpe.geometry.intrinsics import FOCAL, changed_camera
 from gscpe.geometry.projection import transform_points
 
-_BEHIND = 1e-6
 _ITERATIONS = 50
 _MIN_MATCHES = 8
-_SAMPLE, _LARGE_SAMPLE = 300, 800
-_ROUGH, _FINE = 1e-3, 1e-4
+"""Of two coordinates each: for eleven numbers, with some to spare."""
 _LONGEST_STEP = 0.2
+"""Of each of the camera's numbers, so that a first step from far away does not turn it over."""
 _LEAST_VARIANCE = 1e-6  # pixels squared, of matches that fit exactly
 
 _BENT = 4.0 / 3.0
@@ -126,13 +125,16 @@ def solve_intrinsics(
 
 _STARTS = (1.0, 0.8, 0.9, 1.11, 1.25)
 """Multiples of the given focal length to begin from; the first wins where it is as good."""
-
-
 _BETTER = 1.02
 """Times as many matches must agree with a later start as with an earlier one."""
 
 _DOUBTED = (np.inf, 0.02, 0.05, 0.05, 0.2)
 """Standard deviations beforehand of what may be wrong with a given camera."""
+
+_SAMPLE, _LARGE_SAMPLE = 300, 800
+"""Matches that are enough to choose a start, and to check the camera: this must cost little."""
+_ROUGH, _FINE = 1e-3, 1e-4
+"""Smallest steps for either."""
 
 
 def check_intrinsics(
@@ -152,7 +154,7 @@ def check_intrinsics(
     Arguments as :func:`solve_intrinsics`; ``cam_from_world``: (4, 4), of the given camera.
     """
     depths = transform_points(cam_from_world, points_world)[:, 2]
-    ahead = depths[depths > _BEHIND]
+    ahead = depths[depths > BEHIND]
     if not len(ahead):
         return None
     few, enough = (

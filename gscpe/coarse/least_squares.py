@@ -12,7 +12,8 @@ from gscpe.arrays import BoolArray, Float64Array, IntArray
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.intrinsics import RADIAL, changed_camera, moved_by_intrinsics
 
-_BEHIND = 1e-6
+BEHIND = 1e-6
+"""Depth in the camera frame, in map units: what is not farther is not seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Matches2D3D:
         """From a pose, (4, 4), with a changed camera, (5,); see
         :func:`gscpe.geometry.intrinsics.changed_camera`."""
         points = cam_from_world[:3, :3] @ self._points + cam_from_world[:3, 3, None]
-        ahead = points[2] > _BEHIND
+        ahead = points[2] > BEHIND
         slopes = points[:2] / np.where(ahead, points[2], 1.0)
         camera = self._camera
         if change is not None:

@@ -37,6 +37,9 @@ class CoarseSettings:
         min_opacity: below it a rendered pixel has no surface; nothing is matched there.
         pnp: of each round.
         rival: when a second pose counts, on which many of the matches agree.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     max_rounds: int = 3
@@ -64,9 +67,9 @@ class CoarseResult:
         matches: matches of that round that could be lifted.
         inliers: those that agree with the pose.
         inlier_pixels: (inliers, 2) where they are in the photo.
+        rms_pixels: their reprojection error.
         rival_pixels: (N, 2) where matches are that agree on another pose, which contradicts this
             one; none where there is no such pose.
-        rms_pixels: their reprojection error.
         rounds: renders that were matched.
         covariance: (6, 6) of xi in ``exp(xi) @ cam_from_world``; None where there is no pose.
         converged: whether the last round moved the pose less than the tolerances.

@@ -21,7 +21,7 @@ from gscpe.ranges import check_numbers, check_shares, check_whole
 
 @dataclass(frozen=True)
 class RivalSettings:
-    """When a second pose counts.
+    """When a second pose counts (set on ten photos with moved furniture: docs/benchmarks.md).
 
     Attributes:
         min_inliers: matches that the first must have: fewer may be chance, of which more may be
@@ -29,6 +29,9 @@ class RivalSettings:
         min_share: of these, so many must agree with the second.
         min_pixels: by which one of them has what the other explains elsewhere (median): nearer ones
             are the same pose, in a map that is a little bent.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     min_inliers: int = 100

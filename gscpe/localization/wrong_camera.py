@@ -34,6 +34,9 @@ class CameraCheckSettings:
         tolerance: standard deviation that any of these may be off by because the map is bent; of
             k1, twice as much.
         chance: squared deviations, beside one for each number sought, that are due to chance.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     max_focal_error: float = 0.03

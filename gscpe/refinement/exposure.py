@@ -24,9 +24,11 @@ _BLOCK = 8
 _SOFT = 0.03
 """Differences beyond this count linearly."""
 _STEPS = 15
+"""Of Gauss-Newton, at most."""
 _ENOUGH = 60
 """Blocks, of a channel each."""
 _CHOICES = 2
+"""Times that blocks are chosen again by the fit before."""
 _SURELY_DARKER = 0.85
 """Than white: what is expected to be so is hardly clipped."""
 _WHITE = 1.0 - 1e-4
@@ -43,6 +45,9 @@ class ClippingSettings:
         min_share: a photo is, when more than this share of its pixels are.
         min_share_matched: share from which renders are exposed like the photo also before they are
             matched with it, and aligned by what their darker channels show.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     value: int = 254

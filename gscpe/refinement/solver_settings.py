@@ -25,6 +25,9 @@ class LucasKanadeSettings:
         extrapolate: go on at the end by the steps that would still follow. Steps shrink by about
             the same factor each, since the anchor's gradients are not the photo's, so that a
             level may end sooner.
+
+    Raises:
+        SettingsError: a value is out of its range.
     """
 
     max_iterations: int = 20
