@@ -8,7 +8,7 @@ A camera with "k1" is the right one for the photo, which is bent as if by a lens
 distortion.
 
 Usage: .venv/bin/python tools/bench_cameras.py PLACES.toml [--photos N] [--half odd|even]
-           [--wrong KIND ...]
+           [--wrong KIND ...] [--place NAME ...]
 
 PLACES.toml as for tools/bench_trust.py.
 """
@@ -95,7 +95,7 @@ def row_of(localizer: gscpe.Localizer, place: Place, name: str, chosen: list[int
         except CameraError:
             continue
         result = localizer.localize(image, camera)
-        told += any(word in (result.reason or "") for word in ("intrinsics", "distortion"))
+        told += any(word in (result.reason or "") for word in ("correct intrinsics", "distortion"))
         if result.cam_from_world is None or result.covariance is None:
             continue
         turned = gscpe.pose_difference(result.cam_from_world, truth).degrees
