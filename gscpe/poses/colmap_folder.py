@@ -18,7 +18,7 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.output_file import write_file
 
-_MODELS = {"PINHOLE": 1, "FULL_OPENCV": 6}
+_MODELS = {"PINHOLE": 1, "OPENCV": 4, "FULL_OPENCV": 6}
 """COLMAP's numbers of the models that :meth:`Camera.colmap_text` writes."""
 
 COLMAP_FILES = ("cameras.bin", "images.bin", "points3D.bin")
