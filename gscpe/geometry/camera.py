@@ -188,8 +188,10 @@ class Camera:
             model = "THIN_PRISM_FISHEYE"
             if not any((p1, p2, sx1, sy1)):
                 model, distortion = "OPENCV_FISHEYE", (k1, k2, k3, k4)
-        elif distortion:
+        elif any(distortion[4:]):
             model = "FULL_OPENCV"
+        elif distortion:
+            model, distortion = "OPENCV", distortion[:4]
         numbers = [self.fx, self.fy, self.cx, self.cy, *distortion]
         words = (repr(float(number)) for number in numbers)  # repr(np.float64) is not a number
         return " ".join([model, str(self.width), str(self.height), *words])

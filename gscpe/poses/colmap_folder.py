@@ -18,7 +18,13 @@ from gscpe.geometry import se3
 from gscpe.geometry.camera import Camera
 from gscpe.output_file import write_file
 
-_MODELS = {"PINHOLE": 1, "FULL_OPENCV": 6}
+_MODELS = {
+    "PINHOLE": 1,
+    "OPENCV": 4,
+    "OPENCV_FISHEYE": 5,
+    "FULL_OPENCV": 6,
+    "THIN_PRISM_FISHEYE": 10,
+}
 """COLMAP's numbers of the models that :meth:`Camera.colmap_text` writes."""
 
 COLMAP_FILES = ("cameras.bin", "images.bin", "points3D.bin")

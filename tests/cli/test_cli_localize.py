@@ -136,7 +136,7 @@ def test_one_photo_of_an_unknown_camera(
     assert main(arguments) == 0
     out, err = capsys.readouterr()
     line, _ = err.splitlines()
-    assert line.startswith("camera estimated: FULL_OPENCV,240,180,")
+    assert line.startswith("camera estimated: OPENCV,240,180,")
     text = line.removeprefix("camera estimated: ")
     camera = Camera.parse(text)
     assert camera.fx == pytest.approx(230.0, rel=0.02)
@@ -187,7 +187,7 @@ def test_a_photo_that_is_stored_turned(
     arguments = ["localize", str(folder / "room.gsmap"), str(tmp_path / "b.jpg")]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
-    assert "FULL_OPENCV,240,180," in err
+    assert " OPENCV,240,180," in err
     assert pose_difference(parse_pose(out.strip()), POSES["a.png"]).distance < 0.05
     if swaps_sides(orientation):
         assert main([*arguments, "--camera", "PINHOLE,240,180,230,230,120,90"]) == 0

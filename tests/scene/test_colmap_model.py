@@ -66,6 +66,26 @@ def test_names_with_blanks_and_no_points(binary: bool, poses: Poses, tmp_path: P
     assert check(model, images, poses) == (CAMERA,) * 3
 
 
+@pytest.mark.parametrize(
+    "model",
+    [
+        "PINHOLE 64 48 60 61 31 25",
+        "SIMPLE_RADIAL 64 48 60 31 25 0.1",
+        "OPENCV 64 48 60 61 31 25 0.1 0.02 0.003 0.004",
+        "FULL_OPENCV 64 48 60 61 31 25 0.1 0.02 0.003 0.004 0.05 0.01 0.02 0.03",
+        "OPENCV_FISHEYE 64 48 60 61 31 25 0.1 0.02 0.003 0.004",
+        "THIN_PRISM_FISHEYE 64 48 60 61 31 25 0.1 0.02 0.003 0.004 0.05 0.06 0.001 0.002",
+    ],
+)
+def test_every_camera_can_be_written_and_read_again(
+    model: str, poses: Poses, tmp_path: Path
+) -> None:
+    camera = Camera.parse(model.replace(" ", ","))
+    images = write_photos(tmp_path / "images", dict.fromkeys(poses, (64, 48)))
+    write_colmap_folder(tmp_path / "model", poses, dict.fromkeys(poses, camera))
+    assert check(tmp_path / "model", images, poses) == (camera,) * 3
+
+
 def test_backslashes_in_names(poses: Poses, tmp_path: Path) -> None:
     images = write_photos(tmp_path / "images", dict.fromkeys(poses, (64, 48)))
     windows = {name.replace("/", "\\"): pose for name, pose in poses.items()}
