@@ -324,16 +324,19 @@ def test_a_plain_camera_is_recognized() -> None:
     the deviation is smaller than it would be otherwise."""
     points, pixels, pose = seen_points(np.random.default_rng(3), (1.0, 5.0), 0)
     guess, pnp = with_focal(TRUE_FOCAL), PnPSettings()
-    settings = IntrinsicsSettings()
+    settings = IntrinsicsSettings(covariance_factor=1.0)
     found = solve_intrinsics(points, pixels, guess, pose, pnp, settings.sigmas)
     assert found is not None
     camera = probable_camera(guess, [found], settings)
     for number in (2, 3, 4):
         assert abs(off(camera, guess)[number]) < abs(found.change[number])
         assert camera.covariance[number][number] < found.covariance[number, number]
-    same = probable_camera(guess, [found], IntrinsicsSettings(plain_sigmas=1.0))
+    same = probable_camera(guess, [found], replace(settings, plain_sigmas=1.0))
     np.testing.assert_allclose(off(same, guess), found.change, atol=1e-9)
     np.testing.assert_allclose(np.array(same.covariance), found.covariance, rtol=1e-6)
+    wider = probable_camera(guess, [found], replace(settings, covariance_factor=1.6))
+    np.testing.assert_allclose(wider.covariance_matrix(), 1.6 * camera.covariance_matrix())
+    assert wider.with_covariance(camera.covariance_matrix()) == camera
 
 
 def test_several_photos_tell_more_than_one() -> None:
