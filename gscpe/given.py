@@ -11,8 +11,11 @@ from typing import Any
 
 def real_path(path: str | Path) -> Path:
     """The absolute path, links followed. Path.resolve raises RuntimeError where a link leads to
-    itself; here, whoever opens the path is told so, by an OSError."""
-    return Path(os.path.realpath(path))
+    itself; here, whoever opens the path is told so, by an OSError. What links lead to that has no
+    path, as ``/dev/stdout`` to a pipe, keeps its own."""
+    real = os.path.realpath(path)
+    nameless = os.path.exists(path) and not os.path.exists(real)
+    return Path(os.path.abspath(path) if nameless else real)
 
 
 def reading_failed(error: OSError | ValueError) -> str:

@@ -41,7 +41,7 @@ def replace_file(path: Path, data: bytes) -> None:
         OSError: it cannot be written.
     """
     path = real_path(path)
-    if path.is_symlink():
+    if path.is_symlink() and not path.exists():
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     if path.exists() and not path.is_file():
         path.write_bytes(data)

@@ -93,3 +93,15 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "file" / "below"):
         with pytest.raises(OutputError, match="cannot be written"):
             write_file(path, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/fd").exists(), reason="Unix")
+def test_what_leads_to_a_pipe_without_a_name_is_written_to() -> None:
+    """As /dev/stdout does, where another program reads it."""
+    reader, writer = os.pipe()
+    try:
+        write_file(f"/dev/fd/{writer}", b"poses")
+        assert os.read(reader, 99) == b"poses"
+    finally:
+        os.close(reader)
+        os.close(writer)

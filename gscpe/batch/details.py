@@ -11,6 +11,7 @@ import numpy as np
 
 from gscpe.arrays import Float64Array
 from gscpe.errors import OutputError
+from gscpe.geometry.camera import Camera
 from gscpe.given import parse_json
 from gscpe.localization import Attempt, LocalizationResult
 from gscpe.poses.hloc import format_pose
@@ -35,7 +36,7 @@ def result_details(query: Query, result: LocalizationResult, photo: str | None =
     coarse, aligned = result.coarse, result.aligned
     return {
         "name": query.name,
-        "camera": query.camera.colmap_text(),
+        **camera_details(query.camera),
         "status": "localized" if result.localized else "not localized",
         "reason": result.reason,
         "cam_from_world": _pose(result.cam_from_world),
@@ -79,6 +80,12 @@ def result_details(query: Query, result: LocalizationResult, photo: str | None =
     }
 
 
+def camera_details(camera: Camera) -> Detail:
+    """The fields that say what a photo's camera is, and how well that is known."""
+    covariance = camera.covariance_matrix().tolist() if camera.covariance else None
+    return {"camera": camera.colmap_text(), "camera_covariance": covariance}
+
+
 def _attempt(attempt: Attempt) -> dict[str, Any]:
     """What was tried, and why it did not count; ``doubt`` is None for what can be trusted."""
     return {
@@ -94,7 +101,7 @@ def failed_details(query: Query, reason: str) -> Detail:
     """Of a photo that could not be used: the same fields, all empty but for the reason."""
     return {
         "name": query.name,
-        "camera": query.camera.colmap_text(),
+        **camera_details(query.camera),
         "status": "failed",
         "reason": reason,
         "cam_from_world": None,

@@ -18,7 +18,7 @@ from typing import Callable, Iterable, Mapping, Sequence
 from tqdm import tqdm
 
 from gscpe.batch.crew import Crew, SerialCrew
-from gscpe.batch.details import Detail, read_details
+from gscpe.batch.details import Detail, camera_details, read_details
 from gscpe.batch.fingerprint import photo_fingerprint
 from gscpe.batch.one_writer import one_writer
 from gscpe.batch.worker import Worker
@@ -37,6 +37,7 @@ _CHANGED = {
     "map": "they were localized with another map",
     "settings": "they were localized with another matcher or other settings",
     "photo": "their files have changed since",
+    "camera": "their cameras are others, or known otherwise",
 }
 """Fields of a detail that must be as they were, and what it means where they are not."""
 
@@ -132,17 +133,18 @@ def _still_true(
     before: Mapping[str, Detail],
     marks: Mapping[str, str],
 ) -> dict[str, Detail]:
-    """What need not be done again; one warning for each of photos, map and settings that
-    changed."""
+    """What need not be done again; one warning for each of photos, cameras, map and
+    settings that changed."""
     kept = {}
     changed = dict.fromkeys(_CHANGED, 0)
     for query in queries:
         detail = before.get(query.name)
         if not detail or detail["status"] == "failed":
             continue
-        if detail["camera"] != query.camera.colmap_text():
-            continue
         other = [field for field in marks if detail.get(field) != marks[field]]
+        its_camera = camera_details(query.camera)
+        if not other and any(detail.get(field) != its_camera[field] for field in its_camera):
+            other = ["camera"]
         if not other and detail.get("photo") != photo_fingerprint(crew.image_folder / query.name):
             other = ["photo"]
         for field in other:

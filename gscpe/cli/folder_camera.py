@@ -6,12 +6,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
+from itertools import islice
 from pathlib import Path
+from typing import Iterator, Sequence
 
 import numpy as np
 
+from gscpe.arrays import UInt8Array
 from gscpe.cli.common import localizer_settings
-from gscpe.errors import QueryListError
+from gscpe.errors import PhotoError, QueryListError
 from gscpe.geometry.camera import Camera
 from gscpe.localization import Localizer
 from gscpe.photos import read_image
@@ -38,12 +41,30 @@ def estimated_camera(options: argparse.Namespace) -> Camera:
     if not common:
         raise QueryListError(f"{folder} holds no photo that can be read")
     alike = [name for name, size in sizes.items() if size == common[0][0]]
-    few = np.unique(np.linspace(0, len(alike) - 1, MOST_PHOTOS).astype(int))
-    paths = [folder / alike[index] for index in few]
+    few = np.unique(np.linspace(0, len(alike) - 1, MOST_PHOTOS).astype(int)).tolist()
+    others = sorted(set(range(len(alike))) - set(few))
+    paths = [folder / alike[index] for index in [*few, *others]]
+    images = list(islice(_readable(paths), MOST_PHOTOS))
+    if not images:
+        raise QueryListError(f"{folder} holds no photo that can be read")
     settings = localizer_settings(options)
     with Localizer(options.map, settings, options.matcher, options.backend) as localizer:
-        images = [read_image(path)[:, :, :3] for path in paths]
-        camera = localizer.estimate_camera(images, camera_from_exif(paths[0]))
+        camera = localizer.estimate_camera([image for _, image in images], _guess(images))
     text = camera.colmap_text().replace(" ", ",")
-    print(f"camera: {text} (estimated from up to {len(paths)} photos)", file=sys.stderr)
+    print(f"camera: {text} (estimated from up to {len(images)} photos)", file=sys.stderr)
     return camera
+
+
+def _readable(paths: Sequence[Path]) -> Iterator[tuple[Path, UInt8Array]]:
+    """Photos with their pixels, without those that are damaged behind their header."""
+    for path in paths:
+        try:
+            yield path, read_image(path)
+        except PhotoError:
+            continue  # it fails alone, when it is to be localized
+
+
+def _guess(images: Sequence[tuple[Path, UInt8Array]]) -> Camera | None:
+    """That of the first photo whose EXIF says something."""
+    cameras = (camera_from_exif(path) for path, _ in images)
+    return next((camera for camera in cameras if camera is not None), None)

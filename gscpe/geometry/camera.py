@@ -41,6 +41,11 @@ _LEAST_FOCAL, _MOST_FOCAL = 100.0, 1000.0
 """Of a photo's longer side: between 3 arc minutes and 179 degrees are seen."""
 _FARTHEST_CENTRE = 100.0
 """Of the longer side: where the principal point of a detail may lie."""
+_MOST_SIGMA = 1e100  # its square is finite
+_NO_COVARIANCE = (
+    "a camera's covariance must be empty or 5 rows of 5 finite numbers, symmetric and positive "
+    "semi-definite"
+)
 
 
 @dataclass(frozen=True)
@@ -87,11 +92,12 @@ class Camera:
             raise CameraError(f"focal lengths must be positive, not {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 8):
             raise CameraError("distortion must be empty or (k1, k2, p1, p2, k3, k4, k5, k6)")
-        if self.covariance and not is_covariance(self.covariance, 5):
+        if not isinstance(self.covariance, tuple):  # arrays neither compare nor hash
             raise CameraError(
-                "a camera's covariance must be empty or 5 rows of 5 finite numbers, symmetric and "
-                "positive semi-definite"
+                "a camera's covariance must be a tuple of tuples: give arrays to with_covariance"
             )
+        if self.covariance and not is_covariance(self.covariance, 5):
+            raise CameraError(_NO_COVARIANCE)
 
     @classmethod
     def pinhole(
@@ -215,8 +221,12 @@ class Camera:
         Raises:
             CameraError: one is negative, or not finite.
         """
-        sigmas = np.array([focal, aspect, principal, principal, radial], dtype=np.float64)
-        if not np.all((sigmas >= 0) & (sigmas < np.inf)):
+        given = [focal, aspect, principal, principal, radial]
+        try:
+            sigmas = np.array(given, dtype=np.float64)
+        except (ValueError, TypeError):
+            raise CameraError(f"standard deviations must be numbers, not {given}") from None
+        if not np.all((sigmas >= 0) & (sigmas < _MOST_SIGMA)):
             raise CameraError(f"standard deviations must be 0 or more, not {sigmas.tolist()}")
         return self.with_covariance(np.diag(sigmas**2))
 
@@ -226,7 +236,13 @@ class Camera:
         Raises:
             CameraError: it is no covariance.
         """
-        rows = np.asarray(covariance, dtype=np.float64)
+        try:
+            rows = np.array(covariance)
+        except ValueError:
+            raise CameraError(_NO_COVARIANCE) from None
+        if rows.shape != (5, 5) or rows.dtype.kind not in "iuf":
+            raise CameraError(_NO_COVARIANCE)
+        rows = rows.astype(np.float64)
         return replace(self, covariance=tuple(map(tuple, rows.tolist())) if np.any(rows) else ())
 
     def covariance_matrix(self) -> Float64Array:

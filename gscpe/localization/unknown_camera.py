@@ -75,6 +75,8 @@ class UnknownCameras:
                 "a focal length cannot be estimated with a map without reference photos; give "
                 "the camera"
             )
+        if not isinstance(guess, Camera | None):
+            raise CameraError(f"the guess must be a Camera or None, not a {type(guess).__name__}")
         images = [check_image(image, transparent=True) for image in images]
         if len({image.shape[:2] for image in images}) != 1:
             raise CameraError("one camera is estimated from one photo or more, all of one size")

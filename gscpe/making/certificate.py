@@ -226,7 +226,7 @@ def read_certificate(map_folder: str | Path) -> Certificate | None:
             gaussians=int(data["gaussians"]),
             settings=CertificateSettings(**data["settings"]),
             of_renders=bool(data.get("of_renders", False)),
-            seen=data.get("seen"),
+            seen=None if data.get("seen") is None else float(data["seen"]),
         )
     except (OSError, ValueError, KeyError, TypeError, SettingsError) as error:
         raise MapError(f"{path} is damaged; delete it, or make the map again") from error

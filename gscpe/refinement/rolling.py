@@ -37,6 +37,9 @@ from gscpe.refinement.uncertainty import moved_by_camera
 
 _KNOWN = 1e-9
 """Share of the largest eigenvalue, below which a direction is not determined."""
+_CERTAIN = 1e-9, 1e9
+"""Pixels below and above which a prior's deviation changes nothing more, but its square may be no
+number."""
 _SAMPLES = 5_000
 """About so many points are enough to compare two motions of the picture."""
 
@@ -89,7 +92,8 @@ def pose_of_all_rows(
     hessian, right = products[:unknowns, :unknowns], products[:unknowns, 14:]
     observations = blocks * blocks * photo.camera.height / photo.camera.width
     variance = alignment.residual**2 * float(weights.sum()) / observations
-    hessian[6:12, 6:12] += variance / rolling_pixels**2 * template.motion
+    expected = float(np.clip(rolling_pixels, *_CERTAIN))
+    hessian[6:12, 6:12] += variance / expected**2 * template.motion
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))[:, None]
     # Along stripes, what nothing determines is left as it is.
     step = np.linalg.lstsq(hessian / (scale * scale.T), right / scale, rcond=_KNOWN)[0] / scale

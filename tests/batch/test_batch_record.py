@@ -31,6 +31,7 @@ from gscpe.batch.fingerprint import (
 )
 from gscpe.cores import available_cores
 from gscpe.errors import MapError, ModelError, OutputError, SettingsError
+from gscpe.geometry import Camera
 from gscpe.localization.settings import LocalizerSettings
 from gscpe.refinement import RefinementSettings
 from gscpe.scene.query_list import Query
@@ -100,6 +101,21 @@ def test_another_map_or_other_settings(
     again = Backwards(other)
     localize(again, tmp_path, resume=True)
     assert again.seen == []
+
+
+@pytest.mark.parametrize("camera", [CAMERA.unsure(focal=0.01), replace(CAMERA, fx=CAMERA.fx + 1)])
+def test_another_camera_or_one_known_otherwise(
+    camera: Camera, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    localize(Backwards(), tmp_path)
+    queries = (Query("a.png", camera), *QUERIES[1:])
+    for seen in (["a.png"], []):
+        crew = Backwards()
+        with caplog.at_level(logging.WARNING):
+            localize_with(cast(Crew, crew), queries, tmp_path / "d.jsonl", resume=True)
+        assert crew.seen == seen
+    (record,) = caplog.records
+    assert re.search("localizing 1 photos again: their cameras are others", record.getMessage())
 
 
 def test_details_of_before_there_were_fingerprints(

@@ -94,10 +94,13 @@ def test_one_camera_for_all(photos: str, listed: bool, folder: Path, tmp_path: P
 def test_the_camera_of_a_folder_is_estimated(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One from all photos of the size that most have; and the same when the run is resumed."""
+    """One from all photos of the size that most have, without those that are damaged; and the same
+    when the run is resumed."""
     photos, output = tmp_path / "photos", tmp_path / "poses.txt"
     shutil.copytree(folder / "photos", photos)
     write_image(photos / "other.png", np.zeros((30, 40, 3), np.uint8))
+    whole = (photos / next(iter(POSES))).read_bytes()
+    (photos / "torn.png").write_bytes(whole[: len(whole) // 2])
     command = ["localize", str(folder / "room.gsmap"), "--images", str(photos)]
     assert main([*command, "--output", str(output), "--workers", "1"]) == 0
     error = capsys.readouterr().err

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gscpe.errors import CameraError
 from gscpe.geometry import Camera
@@ -76,10 +77,33 @@ def test_impossible_deviations_are_refused(sigma: float) -> None:
 
 @pytest.mark.parametrize(
     "covariance",
-    [np.eye(4), -np.eye(5), np.full((5, 5), np.nan), np.eye(5) + np.eye(5, k=1)],
+    [
+        *(np.eye(4), -np.eye(5), np.full((5, 5), np.nan), np.eye(5) + np.eye(5, k=1)),
+        *(
+            np.zeros(0),
+            np.zeros(5),
+            np.ones(5),
+            1.0,
+            1j * np.eye(5),
+            None,
+            "x",
+            [[1.0], [1.0, 2.0]],
+        ),
+    ],
 )
-def test_what_is_no_covariance_is_refused(covariance: NDArray[np.float64]) -> None:
+def test_what_is_no_covariance_is_refused(covariance: Any) -> None:
     with pytest.raises(CameraError, match="covariance must be empty or 5 rows of 5"):
         CAMERA.with_covariance(covariance)
     with pytest.raises(CameraError, match="covariance must be"):
         Camera(640, 480, 520, 520, 320, 240, covariance=((1.0, 2.0), (1.0,)))
+    with pytest.raises(CameraError, match="covariance must be"):
+        Camera(640, 480, 520, 520, 320, 240, covariance=covariance)
+
+
+def test_deviations_that_are_no_numbers_are_refused() -> None:
+    wrong: Any
+    for wrong in ("x", np.ones(3), [0.1]):
+        with pytest.raises(CameraError, match="standard deviations must be numbers"):
+            CAMERA.unsure(focal=wrong)
+    with pytest.raises(CameraError, match="standard deviations must be 0 or more"):
+        CAMERA.unsure(focal=1e200)

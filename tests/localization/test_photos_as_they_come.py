@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from typing import Iterator
+from typing import Any, Iterator
 
 import numpy as np
 import pytest
@@ -109,3 +109,12 @@ def test_ordinary_reasons_stay(localizer: Localizer) -> None:
         "the photo has no features to recognize a place by: try one with more edges and texture "
         "in view"
     )
+
+
+def test_a_guess_that_is_no_camera_is_refused(
+    localizer: Localizer, photo: NDArray[np.uint8]
+) -> None:
+    guess: Any
+    for guess in ("PINHOLE,240,180,200,200,120,90", 200.0):
+        with pytest.raises(CameraError, match="the guess must be a Camera or None"):
+            localizer.estimate_camera(photo, guess)

@@ -90,9 +90,10 @@ def test_a_map_with_a_certificate_is_replaced_whole(
     (folder / CERTIFICATE_PAGE).write_text("page")
     save_map(room_map(), folder)
     assert read_certificate(folder) is None, "the new map is not what the old one was"
-    (folder / CERTIFICATE).write_text("{}")
-    with pytest.raises(MapError, match="damaged"):
-        read_certificate(folder)
+    for damaged in ("{}", json.dumps(json.loads(certificate.to_json()) | {"seen": "much"})):
+        (folder / CERTIFICATE).write_text(damaged)
+        with pytest.raises(MapError, match="damaged"):
+            read_certificate(folder)
 
 
 def test_the_page_needs_nothing_and_escapes_names(certified: tuple[Path, Certificate]) -> None:

@@ -108,3 +108,9 @@ def test_along_stripes_the_pose_stays_where_the_alignment_left_it() -> None:
 def test_a_strong_prior_holds_the_second_motion_at_zero() -> None:
     before, after = errors(MOTION, LucasKanadeSettings(), 1e-4)
     assert after == pytest.approx(before, abs=0.02)
+
+
+@pytest.mark.parametrize(("extreme", "same"), [(1e-300, 1e-9), (1e300, 1e9)])
+def test_extreme_priors_are_as_good_as_certain(extreme: float, same: float) -> None:
+    solver = LucasKanadeSettings()
+    assert errors(MOTION, solver, extreme) == errors(MOTION, solver, same)
