@@ -135,12 +135,11 @@ def _summarize(
     if instructions.shelf is not None:
         where = f"{map_path(output, 'MAP')} of each MAP"
     print(f"{localized} of {len(details)} photos localized: {where}; details: {details_path}")
-    failed = [detail for detail in details if detail["status"] == "failed"]
-    if failed:
-        name, reason = str(failed[0]["name"]), str(failed[0]["reason"])
-        first = reason if name in reason else f"{name}: {reason}"
-        some = (
-            f"{len(failed)} could not be used, the first" if failed[1:] else "1 could not be used"
-        )
-        print(f"{some}: {first}", file=sys.stderr)
+    for status, what in (("failed", "could not be used"), ("not localized", "not localized")):
+        those = [detail for detail in details if detail["status"] == status]
+        if those:
+            name, reason = str(those[0]["name"]), str(those[0]["reason"])
+            first = reason if name in reason else f"{name}: {reason}"
+            count = f"{len(those)} {what}" + (", the first" if those[1:] else "")
+            print(f"{count}: {first}", file=sys.stderr)
     return 0 if localized else 1

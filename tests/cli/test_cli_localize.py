@@ -242,7 +242,8 @@ def test_a_list(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     more = ("--coarse-output", str(coarse), "--details", str(details))
     assert localize_list(folder, output, *more) == 0
     out, err = capsys.readouterr()
-    assert err == ""
+    assert err.startswith("1 not localized: nowhere.png: the photo is almost black")
+    assert len(err.splitlines()) == 1
     assert out == f"3 of 4 photos localized: {output}; details: {details}\n"
     for path in (output, coarse):
         poses = read_poses(path)
