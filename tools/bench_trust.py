@@ -40,9 +40,9 @@ from trust_report import print_report
 
 from gscpe import Attempt, LocalizationResult, Localizer, open_map, read_image
 from gscpe.arrays import Float64Array
-from gscpe.coarse import inlier_spread
 from gscpe.errors import CameraError
 from gscpe.geometry import pose_difference, se3
+from gscpe.geometry.spread import spread_over_image
 from gscpe.localization.sigmas import worst_sigmas
 from gscpe.localization.wrong_camera import CameraCheckSettings, excess
 
@@ -155,7 +155,7 @@ def of_attempt(attempt: Attempt, result: LocalizationResult) -> dict[str, Any]:
             "inliers": coarse.inliers,
             "matches": coarse.matches,
             "inlier_share": coarse.inliers / max(coarse.matches, 1),
-            "spread": inlier_spread(coarse.inlier_pixels, result.camera),
+            "spread": spread_over_image(coarse.inlier_pixels, result.camera),
             "camera": excess(coarse, result.camera, CameraCheckSettings()),
         }
     if aligned is not None and aligned.cam_from_world is not None:

@@ -31,8 +31,8 @@ from verification_report import TRACKING, plot_roc, print_report
 
 from gscpe import LocalizationResult, Localizer, LocalizerSettings, open_map
 from gscpe.arrays import Float64Array
-from gscpe.coarse import inlier_spread
 from gscpe.geometry import pose_difference, se3
+from gscpe.geometry.spread import spread_over_image
 from gscpe.localization import Attempt, VerificationSettings
 from gscpe.localization.verification import compare_stages
 from gscpe.photos import to_photo
@@ -117,7 +117,7 @@ def of_attempt(attempt: Attempt, sample: Sample, settings: LocalizerSettings) ->
     evidence: dict[str, Any] = {
         "inliers": coarse.inliers,
         "inlier_share": coarse.inliers / max(coarse.matches, 1),
-        "spread": inlier_spread(coarse.inlier_pixels, sample.camera),
+        "spread": spread_over_image(coarse.inlier_pixels, sample.camera),
     }
     if aligned is not None and aligned.cam_from_world is not None:
         found = compare_stages(coarse, aligned, VerificationSettings(), settings.fusion)

@@ -10,12 +10,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Iterator, Sequence
 
-import numpy as np
-
 from gscpe.arrays import UInt8Array
 from gscpe.cli.common import localizer_settings
 from gscpe.errors import PhotoError, QueryListError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.spread import evenly_spread
 from gscpe.localization import Localizer
 from gscpe.photos import read_image
 from gscpe.photos.exif import camera_from_exif
@@ -41,7 +40,7 @@ def estimated_camera(options: argparse.Namespace) -> Camera:
     if not common:
         raise QueryListError(f"{folder} holds no photo that can be read")
     alike = [name for name, size in sizes.items() if size == common[0][0]]
-    few = np.unique(np.linspace(0, len(alike) - 1, MOST_PHOTOS).astype(int)).tolist()
+    few = evenly_spread(len(alike), MOST_PHOTOS)
     others = sorted(set(range(len(alike))) - set(few))
     paths = [folder / alike[index] for index in [*few, *others]]
     images = list(islice(_readable(paths), MOST_PHOTOS))

@@ -6,7 +6,7 @@ from gscpe.coarse.lift import lift
 from gscpe.coarse.loop import CoarseObserver, estimate_coarse_pose
 from gscpe.coarse.one_round import CoarseResult, CoarseSettings, LikePhoto, Round, match_render
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings
-from gscpe.coarse.rival import RivalSettings, inlier_spread
+from gscpe.coarse.rival import RivalSettings
 from gscpe.coarse.unknown_intrinsics import (
     IntrinsicsSettings,
     estimate_intrinsics,
@@ -26,7 +26,6 @@ __all__ = [
     "Round",
     "estimate_coarse_pose",
     "estimate_intrinsics",
-    "inlier_spread",
     "lift",
     "match_render",
     "probable_camera",

@@ -16,6 +16,7 @@ from gscpe.arrays import Float64Array
 from gscpe.coarse.least_squares import Matches2D3D
 from gscpe.coarse.pnp import AbsolutePose, PnPSettings, estimate_absolute_pose, pose_of_inliers
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.spread import spread_over_image
 from gscpe.ranges import check_numbers, check_shares, check_whole
 
 
@@ -42,14 +43,6 @@ class RivalSettings:
         check_whole(self, "min_inliers", least=0)
         check_shares(self, "min_share")
         check_numbers(self, "min_pixels", least=0)
-
-
-def inlier_spread(inlier_pixels: Float64Array, camera: Camera) -> float:
-    """Share of a 4x4 grid over the image, in [0, 1], whose cells hold at least one of the
-    pixels, (N, 2)."""
-    columns = np.clip(4.0 * inlier_pixels[:, 0] / camera.width, 0, 3).astype(int)
-    rows = np.clip(4.0 * inlier_pixels[:, 1] / camera.height, 0, 3).astype(int)
-    return len(set(zip(rows.tolist(), columns.tolist(), strict=True))) / 16.0
 
 
 def find_rival(
@@ -115,7 +108,9 @@ def better_spread(
 ) -> tuple[AbsolutePose, AbsolutePose]:
     """Both, that of what stayed before that of what has been moved: first the one whose matches are
     spread over more of the photo. Arguments as :func:`find_rival`."""
-    of_first, of_rival = (inlier_spread(pixels[pose.inliers], camera) for pose in (first, rival))
+    of_first, of_rival = (
+        spread_over_image(pixels[pose.inliers], camera) for pose in (first, rival)
+    )
     if of_rival <= of_first:
         return first, rival
     whole = pose_of_inliers(points_world, pixels, camera, rival.cam_from_world, pnp)

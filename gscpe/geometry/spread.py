@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Directions, and choices among many things, that are spread evenly."""
+"""Directions, and choices among many things, spread evenly; how far pixels are spread."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Sequence, TypeVar
 import numpy as np
 
 from gscpe.arrays import Float64Array
+from gscpe.geometry.camera import Camera
 
 _T = TypeVar("_T")
 
@@ -54,3 +55,11 @@ def evenly_spread(count: int, most: int) -> list[int]:
 def thinned(items: Sequence[_T], most: int) -> list[_T]:
     """At most so many of them, evenly spread, as :func:`evenly_spread` chooses."""
     return [items[i] for i in evenly_spread(len(items), most)]
+
+
+def spread_over_image(pixels: Float64Array, camera: Camera) -> float:
+    """Share of a 4x4 grid over the image, in [0, 1], whose cells hold at least one of the
+    pixels, (N, 2); those outside count for the nearest cell."""
+    columns = np.clip(4.0 * pixels[:, 0] / camera.width, 0, 3).astype(int)
+    rows = np.clip(4.0 * pixels[:, 1] / camera.height, 0, 3).astype(int)
+    return len(set(zip(rows.tolist(), columns.tolist(), strict=True))) / 16.0

@@ -11,9 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gscpe.arrays import Float64Array
-from gscpe.coarse import CoarseResult, CoarseSettings, Round, inlier_spread, match_render
+from gscpe.coarse import CoarseResult, CoarseSettings, Round, match_render
 from gscpe.errors import SettingsError
 from gscpe.geometry.camera import Camera
+from gscpe.geometry.spread import spread_over_image
 from gscpe.localization.beside import Beside
 from gscpe.localization.light import exposed_like
 from gscpe.localization.observer import Observer
@@ -65,7 +66,7 @@ def is_easy(first: Round, settings: EasySettings) -> bool:
     return (
         first.inliers >= settings.min_inliers
         and first.inliers >= settings.min_inlier_share * len(first.pixels)
-        and inlier_spread(first.inlier_pixels, first.camera) >= settings.min_spread
+        and spread_over_image(first.inlier_pixels, first.camera) >= settings.min_spread
     )
 
 

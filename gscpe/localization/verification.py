@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gscpe.coarse import CoarseResult, inlier_spread
+from gscpe.coarse import CoarseResult
 from gscpe.geometry.camera import Camera
 from gscpe.geometry.pose_error import pose_difference
+from gscpe.geometry.spread import spread_over_image
 from gscpe.localization.fusion import FusionSettings, fuse_matches_and_alignment
 from gscpe.localization.sigmas import sigmas_text, worst_sigmas
 from gscpe.localization.starts import PosePrior
@@ -75,9 +76,9 @@ def _doubt_about_spread(
     coarse: CoarseResult, camera: Camera, settings: VerificationSettings, moved: bool
 ) -> str | None:
     """What stayed is spread over more of the photo than what has been moved."""
-    spread = inlier_spread(coarse.inlier_pixels, camera)
+    spread = spread_over_image(coarse.inlier_pixels, camera)
     rivals = len(coarse.rival_pixels)
-    more = settings.rival_margin + inlier_spread(coarse.rival_pixels, camera)
+    more = settings.rival_margin + spread_over_image(coarse.rival_pixels, camera)
     if rivals and spread < max(settings.rival_spread, more):
         return (
             f"{coarse.inliers} and {rivals} matches agree with two poses that contradict each "
@@ -102,7 +103,7 @@ def are_decisive(coarse: CoarseResult, camera: Camera, settings: VerificationSet
     return (
         coarse.inliers >= settings.decisive_inliers
         and inlier_share(coarse, settings) >= settings.decisive_inlier_share
-        and inlier_spread(coarse.inlier_pixels, camera) >= settings.decisive_spread
+        and spread_over_image(coarse.inlier_pixels, camera) >= settings.decisive_spread
     )
 
 

@@ -23,15 +23,15 @@ class VerificationSettings:
         decisive_inlier_share: ... as a share of all matches, ...
         decisive_spread: ... and the share of the grid that they hold: more than that of a photo
             whose halves were exchanged.
+        decisive_agreement: what ``min_agreement`` is then. Below ...
+        changed_agreement: ... this, what does not look like the map is left out, and the rest is
+            aligned again.
         rival_spread: where many matches agree on another pose, which contradicts this one,
             something has been moved as a whole. Then the matches of this pose must hold this share
             of the grid, ...
         rival_margin: ... and by so much more of it than those of the other; if they are also
             ``decisive_inliers``, those of the other are not counted in the share of all.
-        decisive_agreement: what ``min_agreement`` is then. Below ...
-        changed_agreement: ... this, what does not look like the map is left out, and the rest is
-            aligned again.
-        min_tracking_agreement: the same for a pose from an alignment alone, without matches.
+        min_tracking_agreement: ``min_agreement`` for a pose from an alignment alone.
         sure_agreement: below it, further starts are tried too, and the best is kept.
         min_overlap: share of the photo that shows the map.
         max_shift: metres that refinement may move the coarse pose, and ... (lengths are for
@@ -55,10 +55,10 @@ class VerificationSettings:
     decisive_inliers: int = 200
     decisive_inlier_share: float = 0.55
     decisive_spread: float = 0.55
-    rival_spread: float = 0.65
-    rival_margin: float = 0.15
     decisive_agreement: float = 0.1
     changed_agreement: float = 0.4
+    rival_spread: float = 0.65
+    rival_margin: float = 0.15
     min_tracking_agreement: float = 0.5
     sure_agreement: float = 0.6
     min_overlap: float = 0.2

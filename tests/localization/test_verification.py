@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from gscpe.coarse import CoarseResult, inlier_spread
+from gscpe.coarse import CoarseResult
 from gscpe.geometry import Camera, se3
+from gscpe.geometry.spread import spread_over_image
 from gscpe.localization import FusionSettings, PosePrior, VerificationSettings
 from gscpe.localization.sigmas import sigmas_text
 from gscpe.localization.verification import (
@@ -277,13 +278,13 @@ def test_tracking_needs_more(changes: dict[str, Any], reason: str) -> None:
 )
 def test_spread_counts_cells(pixels: NDArray[np.float64]) -> None:
     cells = {(int(u // 160), int(v // 120)) for u, v in pixels}
-    assert inlier_spread(pixels, CAMERA) == len(cells) / 16.0
+    assert spread_over_image(pixels, CAMERA) == len(cells) / 16.0
 
 
 def test_spread_of_pixels_on_the_border() -> None:
     """Pixels may lie on the outermost border, or a little outside, and are counted there."""
     corners = np.array([[0.0, 0.0], [640.0, 480.0], [-0.3, 480.2], [640.4, -0.1]])
-    assert inlier_spread(corners, CAMERA) == 4 / 16.0
+    assert spread_over_image(corners, CAMERA) == 4 / 16.0
 
 
 def test_an_alignment_that_determines_nothing_contradicts_nothing() -> None:
