@@ -66,7 +66,8 @@ class Contradiction:
     Attributes:
         change: (5,), of the numbers of ``Camera.covariance``, less what chance explains.
         covariance: (5, 5), what it makes the camera unsure by: the whole change, and how badly it
-            is known, as far as chance does not explain it.
+            is known, as far as chance does not explain it; where it does, what matches ask of the
+            focal length alone beyond their own scatter.
     """
 
     change: Float64Array
@@ -95,6 +96,10 @@ def contradiction(
         share = 1.0 - chance / squared
         change[numbers] = np.sqrt(share) * asked
         covariance[its] = share * (np.outer(asked, asked) + known)
+    else:  # not wrong, but a focal length that is off by half a per cent moves the pose by sigmas
+        of_focal = pull[FOCAL] / information[FOCAL, FOCAL]
+        scatter = 1.0 / information[FOCAL, FOCAL] + camera.focal_sigma**2
+        covariance[FOCAL, FOCAL] = max(of_focal**2 - scatter, 0.0)
     return Contradiction(change, covariance)
 
 
